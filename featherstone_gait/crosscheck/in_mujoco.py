@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, get_args
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from ..base.arguments import instance, one_of, real
 from ..core.effects.energies import ENERGIES, METER
 from ..core.effects.push import EVENT_MARGIN
 from ..model import TORQUE_LAWS, ContactPoint, Link, Model, Servo, depends_on_load_or_speed
-from ..robot_file.mjcf.element import element, number, numbers
+from ..robot_file.markup import element
 from ..robot_file.mjcf.read import heard
 from ..robot_file.mjcf.write import mjcf_text
 from ..run.program import SEEN, CompiledController, State
@@ -439,20 +438,19 @@ def _rotor(name: str, servo: Servo) -> list[str]:
     attributes = {
         "name": name,
         "axis": "0 0 1",
-        "armature": number(gear.ratio**2 * gear.rotor_inertia - inertia),
-        "damping": number(gear.ratio**2 * gear.rotor_damping),
+        "armature": gear.ratio**2 * gear.rotor_inertia - inertia,
+        "damping": gear.ratio**2 * gear.rotor_damping,
     }
-    inertial = {"pos": "0 0 0", "mass": number(mass), "diaginertia": numbers([inertia] * 3)}
-    return [f"<body name={quoteattr(name)}>", element("inertial", inertial), element("joint", attributes), "</body>"]
+    inertial = {"pos": "0 0 0", "mass": mass, "diaginertia": [inertia] * 3}
+    return element("body", {"name": name}, [*element("inertial", inertial), *element("joint", attributes)])
 
 
 def _gearbox(name: str, servo: Servo) -> list[str]:
     """Return the tendon between rotor and joint; without stiffness if the gears have backlash."""
     gear, tight = servo.gearbox, servo.gearbox.backlash <= 0.0
-    attributes = {"stiffness": number(gear.stiffness), "damping": number(gear.damping)} if tight else {}
-    attributes["springlength"] = "0"
+    attributes = {"stiffness": gear.stiffness, "damping": gear.damping} if tight else {}
     ends = [element("joint", {"joint": PREFIX + name, "coef": "1"}), element("joint", {"joint": name, "coef": "-1"})]
-    return [element("fixed", attributes).removesuffix("/>") + ">", *ends, "</fixed>"]
+    return element("fixed", {**attributes, "springlength": "0"}, [line for end in ends for line in end])
 
 
 def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element
 from ..model.checks import check_angles
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
 from .grammar import label
-from .numerals import number, vector
+from .markup import number, vector
 from .report import Report
 
 NEAR = 4  # folders above a URDF whose folders are searched for packages, too

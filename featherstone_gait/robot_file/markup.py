@@ -1,22 +1,30 @@
-"""Read XML safely, with the line of every element."""
+"""Read XML safely, with the line of every element and numbers as XML Schema and C write them; write XML."""
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 from xml.parsers.expat import errors
+from xml.sax.saxutils import quoteattr
 
+import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser
 
 from .source import read_bytes
 
+Vector = tuple[float, float, float]
+
 MAX_DEPTH = 64  # of nested elements
+MAX_NUMBER = 1e30  # in a robot file, so that no product of masses and lengths overflows
 DECLARATION = re.compile(rb"<\?xml\s[^>]*\?>")
 PREFIX = re.compile(rb"[</\s]([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*[\s=/>]")
 ROOT = re.compile(rb"<[A-Za-z_][\w.-]*")
+NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")  # what strtod reads in the C locale
 
 
 class Markup(NamedTuple):
@@ -63,7 +71,9 @@ def read_markup(path: Path) -> Markup:
         except (ValueError, LookupError) as error:
             raise ValueError(f"has an encoding that cannot be read: {error}; save it as UTF-8") from error
     _check_depth(root)
-    _drop_default_namespace(root)
+    namespace = root.tag[: root.tag.find("}") + 1]  # of <robot xmlns="...">
+    for child in root.iter() if namespace else ():
+        child.tag = child.tag.removeprefix(namespace)
     return Markup(root, parser.lines, tuple(doubts))
 
 
@@ -89,9 +99,60 @@ def _check_depth(root: Element) -> None:
     raise ValueError(f"nests <{level[0].tag}> more than {MAX_DEPTH} elements deep; a robot needs far less: flatten it")
 
 
-def _drop_default_namespace(root: Element) -> None:
-    """Strip the default namespace of `<robot xmlns="...">` from every tag."""
-    namespace = root.tag[: root.tag.find("}") + 1]
-    if namespace:
-        for element in root.iter():
-            element.tag = element.tag.removeprefix(namespace)
+def vector(element: Element, attribute: str, what: str, default: str = "0 0 0") -> Vector:
+    """Return three numbers, or the default if the attribute is missing; raise ValueError for anything else."""
+    text = element.get(attribute, default)
+    if "$(" in text or "${" in text:
+        raise ValueError(f"{what}: <{element.tag}> {attribute}={text!r} is a macro: expand the file with xacro first")
+    words = text.split()
+    if len(words) != 3:
+        raise ValueError(
+            f"{what}: <{element.tag}> {attribute}={element.get(attribute)!r} has {len(words)} numbers; "
+            "expected 3, separated by spaces: correct it"
+        )
+    x, y, z = (_parsed(word, f"{what}: <{element.tag}> {attribute}") for word in words)
+    return x, y, z
+
+
+def number(element: Element, attribute: str, what: str, default: float | None = None) -> float:
+    """Return a finite number; raise ValueError for anything else, and if the attribute is missing without a default."""
+    if attribute not in element.attrib:
+        if default is None:
+            raise ValueError(f"{what}: attribute {attribute!r} of <{element.tag}> is missing; it is required: add it")
+        return default
+    return _parsed(element.attrib[attribute].strip(), f"{what}: <{element.tag}> {attribute}")
+
+
+def number_or_inf(element: Element, attribute: str, what: str) -> float:
+    """Return a number that may be infinite; raise ValueError for anything else."""
+    word = element.get(attribute, "").strip().lower()
+    if word.lstrip("+-") in ("inf", "infinity"):
+        return -math.inf if word.startswith("-") else math.inf
+    return number(element, attribute, what)
+
+
+def _parsed(word: str, what: str) -> float:
+    """Return a finite number; float() alone would accept 1_0, nan and Arabic digits too."""
+    value = float(word) if NUMBER.fullmatch(word) else math.nan
+    if not abs(value) <= MAX_NUMBER:
+        raise ValueError(
+            f"{what} is {word[:40]!r}; expected a number up to {MAX_NUMBER:g}: write it like -0.15 or 2e-3"
+        )
+    return value
+
+
+def element(tag: str, attributes: Mapping[str, Any], inside: Iterable[str] = ()) -> list[str]:
+    """Write the lines of an element, without attributes that are None; numbers read back the same."""
+    stated = [f" {name}={quoteattr(_text(value))}" for name, value in attributes.items() if value is not None]
+    start, lines = f"<{tag}{''.join(stated)}", [f"  {line}" for line in inside]
+    return [f"{start}>", *lines, f"</{tag}>"] if lines else [f"{start}/>"]
+
+
+def _text(value: Any) -> str:
+    """Write text, a number, or an array of numbers separated by spaces."""
+    return value if isinstance(value, str) else " ".join(repr(float(x)) for x in np.ravel(value))
+
+
+def comment(text: str) -> str:
+    """Write <!-- text -->, without the two hyphens in a row that XML forbids in it."""
+    return f"<!-- {re.sub('-(?=-)', '- ', text)} -->"

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..model import Base, Joint, Link, Servo
 from ..model.shapes import Shape
+
+MASSLESS: dict[str, Any] = {"mass": 0.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": (0.0,) * 6}  # of a Link
 
 
 class Posture(NamedTuple):

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
-from dataclasses import Field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
+from typing import Any
 
 from ..base.arguments import instance
 from ..base.files import complete_together
 from ..model import Ground, Joint, Link, Model
-from ..model.shapes import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
+from ..model.shapes import Hull, Mesh, Shape
+from .markup import comment, element
 from .mjcf.write import mjcf_text
 from .servos import PARTS
 from .toml import written
-from .urdf import INERTIA, JOINT_NUMBERS
+from .urdf import DYNAMICS, INERTIA
 
 MJCF = (".xml", ".mjcf")  # suffixes
 
@@ -66,89 +67,47 @@ def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = No
 
 
 def _urdf_text(model: Model) -> str:
-    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(model.name)}>"]
-    for link in model.links:
-        lines += _link_lines(link, [shape for shape in model.shapes if shape.link == link.name])
-    for joint in model.joints:
-        lines += _joint_lines(joint)
-    return "\n".join([*lines, "</robot>", ""])
+    links = [line for link in model.links for line in _link_lines(link, model.shapes)]
+    joints = [line for joint in model.joints for line in _joint_lines(joint)]
+    robot = element("robot", {"name": model.name}, [*links, *joints])
+    return "\n".join(['<?xml version="1.0" encoding="utf-8"?>', *robot, ""])
 
 
-def _link_lines(link: Link, shapes: list[Shape]) -> list[str]:
-    inertial = [] if link.mass == 0 and not any((*link.center_of_mass, *link.inertia)) else _inertial_lines(link)
-    lines = [*inertial, *(line for shape in shapes for line in _shape_lines(shape))]
-    if not lines:
-        return [f"  <link name={quoteattr(link.name)}/>"]
-    return [f"  <link name={quoteattr(link.name)}>", *lines, "  </link>"]
-
-
-def _inertial_lines(link: Link) -> list[str]:
-    inertia = " ".join(f'{name}="{float(value)!r}"' for name, value in zip(INERTIA, link.inertia))
-    return [
-        "    <inertial>",
-        f'      <origin xyz="{_numbers(link.center_of_mass)}"/>',
-        f'      <mass value="{float(link.mass)!r}"/>',
-        f"      <inertia {inertia}/>",
-        "    </inertial>",
-    ]
+def _link_lines(link: Link, shapes: Sequence[Shape]) -> list[str]:
+    inside = [line for shape in shapes if shape.link == link.name for line in _shape_lines(shape)]
+    if link.mass != 0 or any((*link.center_of_mass, *link.inertia)):
+        origin, mass = element("origin", {"xyz": link.center_of_mass}), element("mass", {"value": link.mass})
+        inertia = element("inertia", dict(zip(INERTIA, link.inertia)))
+        inside = element("inertial", {}, [*origin, *mass, *inertia]) + inside
+    return element("link", {"name": link.name}, inside)
 
 
 def _shape_lines(shape: Shape) -> list[str]:
-    if isinstance(shape.geometry, Hull):
-        return [f"    <!-- a hull of {len(shape.geometry.points)} points, which URDF cannot state -->"]
-    named = f" name={quoteattr(shape.name)}" if shape.name else ""
-    return [
-        f"    <collision{named}>",
-        f'      <origin xyz="{_numbers(shape.xyz)}" rpy="{_numbers(shape.rpy)}"/>',
-        f"      <geometry>{_geometry(shape)}</geometry>",
-        "    </collision>",
-    ]
-
-
-def _geometry(shape: Shape) -> str:
     match shape.geometry:
-        case Sphere(radius):
-            return f'<sphere radius="{float(radius)!r}"/>'
-        case Capsule(radius, length):
-            return f'<capsule radius="{float(radius)!r}" length="{float(length)!r}"/>'
-        case Cylinder(radius, length):
-            return f'<cylinder radius="{float(radius)!r}" length="{float(length)!r}"/>'
-        case Box(size):
-            return f'<box size="{_numbers(size)}"/>'
+        case Hull(points):
+            return [comment(f"a hull of {len(points)} points, which URDF cannot state")]
         case Mesh(file, scale):
-            return f'<mesh filename={quoteattr(file)} scale="{_numbers(scale)}"/>'
-        case Hull():
-            raise AssertionError("URDF cannot state a hull")
+            geometry = element("mesh", {"filename": file, "scale": scale})
+        case other:  # whose fields are named as in URDF
+            geometry = element(type(other).__name__.lower(), asdict(other))
+    origin = element("origin", {"xyz": shape.xyz, "rpy": shape.rpy})
+    return element("collision", {"name": shape.name or None}, [*origin, *element("geometry", {}, geometry)])
 
 
 def _joint_lines(joint: Joint) -> list[str]:
-    lines = [
-        f'  <joint name={quoteattr(joint.name)} type="{joint.type}">',
-        f"    <parent link={quoteattr(joint.parent)}/>",
-        f"    <child link={quoteattr(joint.child)}/>",
-        f'    <origin xyz="{_numbers(joint.xyz)}" rpy="{_numbers(joint.rpy)}"/>',
-    ]
+    parts: dict[str, dict[str, Any]] = {
+        "parent": {"link": joint.parent},
+        "child": {"link": joint.child},
+        "origin": {"xyz": joint.xyz, "rpy": joint.rpy},
+    }
     if joint.type != "fixed":
-        limit = " ".join(f'{name}="{value!r}"' for name, value in _stated_limits(joint).items())
-        lines += [
-            f'    <axis xyz="{_numbers(joint.axis)}"{_stated(joint, "axis")}/>',
-            f"    <limit {limit}/>",
-            f"    <dynamics{_stated(joint, 'dynamics')}/>",
-            *_mimic_lines(joint),
-        ]
-    return [*lines, "  </joint>"]
-
-
-def _mimic_lines(joint: Joint) -> list[str]:
-    if joint.mimic is None:
-        return []
-    numbers = f'multiplier="{float(joint.mimic.multiplier)!r}" offset="{float(joint.mimic.offset)!r}"'
-    return [f"    <mimic joint={quoteattr(joint.mimic.joint)} {numbers}/>"]
-
-
-def _stated(joint: Joint, tag: str) -> str:
-    """Format the joint's numbers that are attributes of an element."""
-    return "".join(f' {name}="{float(getattr(joint, name))!r}"' for name in JOINT_NUMBERS.get(tag, ()))
+        parts["axis"] = {"xyz": joint.axis}
+        parts["limit"] = _stated_limits(joint)
+        parts["dynamics"] = {name: getattr(joint, name) for name in DYNAMICS}
+    if joint.type != "fixed" and joint.mimic:
+        parts["mimic"] = asdict(joint.mimic)
+    inside = [line for tag, attributes in parts.items() for line in element(tag, attributes)]
+    return element("joint", {"name": joint.name, "type": joint.type}, inside)
 
 
 def _stated_limits(joint: Joint) -> dict[str, float]:
@@ -163,35 +122,27 @@ def _stated_limits(joint: Joint) -> dict[str, float]:
 
 
 def _toml_text(model: Model) -> str:
-    lines = [f"base = {written(model.base)}", "contacts = ["]
-    lines += [f"  {{{', '.join(_assignments(contact, fields(contact)))}}}," for contact in model.contacts]
-    lines += ["]", "", "[locked.default]"]
-    lines += [f"{written(name)} = {written(position)}" for name, position in model.locked.items()]
-    for joint in model.joints:
-        if joint.armature:
-            lines += ["", f"[joints.{written(joint.name)}]", f"armature = {written(joint.armature)}"]
-    for name, q in model.keyframes.items():
-        lines += ["", f"[keyframes.{written(name)}]", *_posture_lines(model, q)]
-    if model.supply is not None:
-        lines += ["", "[supply]", *_assignments(model.supply, fields(model.supply))]
+    contacts = [f"  {{{', '.join(_assignments(asdict(contact)))}}}," for contact in model.contacts]
+    tables: dict[str, Mapping[str, Any]] = {
+        "locked.default": {written(name): position for name, position in model.locked.items()},
+        **{f"joints.{written(j.name)}": {"armature": j.armature} for j in model.joints if j.armature},
+        **{f"keyframes.{written(name)}": _posture(model, q) for name, q in model.keyframes.items()},
+        **({"supply": asdict(model.supply)} if model.supply else {}),
+    }
     for name, servo in model.servos.items():
-        lines += ["", f"[servos.joints.{written(name)}]"]
-        for part in (servo.controller, servo.gearbox, servo):
-            lines += _assignments(part, PARTS[type(part)])
-    return "\n".join([*lines, ""])
+        parts = (servo.controller, servo.gearbox, servo)
+        stated = {f.name: getattr(part, f.name) for part in parts for f in PARTS[type(part)]}
+        tables[f"servos.joints.{written(name)}"] = stated
+    lines = [line for title, table in tables.items() for line in ("", f"[{title}]", *_assignments(table))]
+    return "\n".join([f"base = {written(model.base)}", "contacts = [", *contacts, "]", *lines, ""])
 
 
-def _posture_lines(model: Model, q: tuple[float, ...]) -> list[str]:
-    """Write a posture by joint name, since other files of the robot may list the joints in another order."""
+def _posture(model: Model, q: tuple[float, ...]) -> dict[str, Any]:
+    """Return a posture by joint name, since other files of the robot may list the joints in another order."""
     first = model.nq - len(model.joint_names)
-    base = [f"base = {written(tuple(q[:first]))}"] if first else []
-    return [*base, *(f"joints.{written(name)} = {written(x)}" for name, x in zip(model.joint_names, q[first:]))]
+    base = {"base": tuple(q[:first])} if first else {}
+    return base | {f"joints.{written(name)}": x for name, x in zip(model.joint_names, q[first:])}
 
 
-def _assignments(record: object, of: Sequence[Field]) -> list[str]:
-    """Write fields of a record as lines `key = value`."""
-    return [f"{f.name} = {written(getattr(record, f.name))}" for f in of]
-
-
-def _numbers(values: tuple[float, ...]) -> str:
-    return " ".join(repr(float(value)) for value in values)
+def _assignments(table: Mapping[str, Any]) -> list[str]:
+    return [f"{key} = {written(value)}" for key, value in table.items()]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree.ElementTree import Element
 
 from ..base.rotation import dot, rotation_from_rpy
@@ -15,9 +16,11 @@ from ..model.rigid_bodies import inertia_tuple, turned_inertia
 from .collision import MeshFinder, read_shapes
 from .grammar import label, tidy
 from .inertia import note_inertia, repaired
-from .numerals import Vector, number, number_or_inf, vector
+from .markup import Vector, number, number_or_inf, vector
 from .report import Report
-from .robot import Robot
+from .robot import MASSLESS, Robot
+
+T = TypeVar("T")
 
 MAX_LINKS = 10_000
 
@@ -30,7 +33,7 @@ _REFUSED_TYPES = {
     "ball": "replace it by three continuous ones with massless links between them",
     "floating": "remove it together with its massless parent and load the robot with base='floating'",
 }
-JOINT_NUMBERS = {"dynamics": ("damping", "friction")}  # fields of Joint that are 0 where an element does not state them
+DYNAMICS = ("damping", "friction")  # fields of Joint
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -39,66 +42,91 @@ def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, rep
 
     Raises ValueError for what is no URDF at all.
     """
-    _check_root(root)
-    tidy(root, label(root), report)
-    name = _robot_name(root, path, report)
-    links = tuple(_link(element, report, repair_inertia) for element in root.iterfind("link"))
-    shapes = [shape for element in root.iterfind("link") for shape in read_shapes(element, meshes, report)]
-    held: dict[str, float] = {}
-    floating = [element for element in root.iterfind("joint") if element.get("type") == "floating"]
-    joints = tuple(_joint(element, held, report) for element in root.iterfind("joint") if element not in floating)
-    if floating:
-        links = _without_world(links, joints, floating, report)
-    shapes = [shape for shape in shapes if any(shape.link == link.name for link in links)]
-    return Robot(name, links, joints, tuple(shapes), "floating" if floating else None, held)
-
-
-def _check_root(root: Element) -> None:
     if root.tag != "robot":
         raise ValueError(f"root element is <{root.tag}>; expected <robot>, or <mujoco> of MJCF: convert the file")
     if len(root.findall("link")) > MAX_LINKS:
         raise ValueError(f"has {len(root.findall('link'))} links; at most {MAX_LINKS} are read: reduce them")
-
-
-def _robot_name(root: Element, path: Path, report: Report) -> str:
+    tidy(root, label(root), report)
     if "name" not in root.attrib:
         report.assume(root, "<robot>", "attribute 'name' is missing", f"called {path.stem!r}", "add it")
-    return root.get("name", path.stem)
+    links = tuple(_link(element, report, repair_inertia) for element in root.iterfind("link"))
+    shapes = [shape for element in root.iterfind("link") for shape in read_shapes(element, meshes, report)]
+    floating = [element for element in root.iterfind("joint") if element.get("type") == "floating"]
+    joints = tuple(_joint(element, report) for element in root.iterfind("joint") if element not in floating)
+    if floating:
+        links = _without_world(links, joints, floating, report)
+    return Robot(
+        name=root.get("name", path.stem),
+        links=links,
+        joints=joints,
+        shapes=tuple(shape for shape in shapes if any(shape.link == link.name for link in links)),
+        base="floating" if floating else None,
+        held={joint.name: joint.lower for joint in joints if joint.lower == joint.upper},
+    )
 
 
 def _link(element: Element, report: Report, repair_inertia: bool) -> Link:
     """Read a link; if anything is wrong with it, return a valid one of its name."""
-    what, before = label(element), len(report.problems)
-    report.places.setdefault(what, report.lines[element])
-    tidy(element, what, report)
-    name, link = element.get("name", ""), None
-    with report.blaming(element):
-        link = _body(name, element.find("inertial"), what, report)
-    if link is None or len(report.problems) > before:
-        return Link(_sound_name(element, report), 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+    link = _sound(element, report, _body)
+    if link is None:
+        return Link(_printable_name(element, report), 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
     link = repaired(link, report) if repair_inertia else link
     note_inertia(link, element, report)
     return link
 
 
-def _sound_name(element: Element, report: Report) -> str:
+def _joint(element: Element, report: Report) -> Joint:
+    """Read a joint; if anything is wrong with it, return a fixed one of its name between the same links."""
+    joint = _sound(element, report, _moving_joint)
+    if joint is None:
+        parent, child = (_end(element, tag) for tag in ("parent", "child"))
+        return Joint(_printable_name(element, report), "fixed", parent, child if child != parent else f"{child} ")
+    return joint
+
+
+def _sound(element: Element, report: Report, read: Callable[[Element, str, Report], T]) -> T | None:
+    """Read a link or joint; report what is wrong with it, and return None then."""
+    what, before, found = label(element), len(report.problems), None
+    report.places.setdefault(what, report.lines[element])
+    tidy(element, what, report)
+    with report.blaming(element):
+        found = read(element, what, report)
+    return found if len(report.problems) == before else None
+
+
+def _printable_name(element: Element, report: Report) -> str:
     """Return the element's name, or a substitute if that is invalid."""
     name = element.get("name", "")
     return name if name and name.isprintable() else f"of line {report.lines[element]}"
 
 
-def _body(name: str, inertial: Element | None, what: str, report: Report) -> Link:
+def _stated(
+    element: Element | None, names: Iterable[str], what: str, report: Report, read: Callable = number
+) -> dict[str, Any]:
+    """Return the numbers that an element states, by name, without wrong ones, which are reported."""
+    values = {}
+    for name in names:
+        if element is not None and name in element.attrib:
+            with report.blaming(element):
+                values[name] = read(element, name, what)
+    return values
+
+
+def _body(element: Element, what: str, report: Report) -> Link:
+    name, inertial = element.get("name", ""), element.find("inertial")
     if inertial is None:
-        return Link(name, 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
-    mass = _numbers(inertial.find("mass"), ("value",), what, report)["value"]
-    inertia = tuple(_numbers(_with_products(inertial, what, report), INERTIA, what, report).values())
-    center, rpy = _origin(inertial, what, report)
+        return Link(name, **MASSLESS)
+    mass = _stated(inertial.find("mass"), ("value",), what, report)
+    stated = _stated(_with_products(inertial, what, report), INERTIA, what, report)
+    inertia = tuple(stated.get(name, 0.0) for name in INERTIA)
+    origin = _stated(inertial.find("origin"), ("xyz", "rpy"), what, report, vector)
+    rpy = origin.get("rpy", (0.0, 0.0, 0.0))
     with report.blaming(inertial):
         check_angles(f"{what}: <origin>", "rpy", rpy)
-        link = Link(name, mass, center, inertia)
+        link = Link(name, mass.get("value", 0.0), origin.get("xyz", (0.0, 0.0, 0.0)), inertia)
         turned = inertia_tuple(turned_inertia(rotation_from_rpy(rpy), inertia))
         return replace(link, inertia=turned) if any(rpy) else link
-    return Link(name, 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
+    return Link(name, **MASSLESS)
 
 
 def _with_products(inertial: Element, what: str, report: Report) -> Element | None:
@@ -113,66 +141,33 @@ def _with_products(inertial: Element, what: str, report: Report) -> Element | No
     return inertia
 
 
-def _joint(element: Element, held: dict[str, float], report: Report) -> Joint:
-    """Read a joint; if anything is wrong with it, return a fixed one of its name between the same links."""
-    what, before = label(element), len(report.problems)
-    report.places.setdefault(what, report.lines[element])
-    tidy(element, what, report)
-    name, joint = element.get("name", ""), None
-    parent, child = (_end(element, tag) for tag in ("parent", "child"))
-    with report.blaming(element):
-        joint = _moving_joint(element, name, parent, child, held, report)
-    if joint is None or len(report.problems) > before:
-        return Joint(_sound_name(element, report), "fixed", parent, child if child != parent else f"{child} ")
-    return joint
-
-
 def _end(element: Element, tag: str) -> str:
     """Return the link at an end of a joint."""
     end = element.find(tag)
     return "" if end is None else end.get("link", "")
 
 
-def _moving_joint(
-    element: Element, name: str, parent: str, child: str, held: dict[str, float], report: Report
-) -> Joint:
-    what = label(element)
+def _moving_joint(element: Element, what: str, report: Report) -> Joint:
     kind: Any = element.get("type", "fixed")  # any text: the checks of Joint refuse what is none of its types
     if kind in _REFUSED_TYPES:
         raise ValueError(f"{what}: type {kind!r} is not simulated; {_REFUSED_TYPES[kind]}")
-    xyz, rpy = _origin(element, what, report)
+    name, parent, child = element.get("name", ""), _end(element, "parent"), _end(element, "child")
+    origin = _stated(element.find("origin"), ("xyz", "rpy"), what, report, vector)
     if kind == "fixed":
-        return Joint(name, kind, parent, child, xyz, rpy)
-    kind, stops = _stops(element, kind, what, report)
-    motion: dict[str, Any] = {**stops, **_limits(element, what, report), **_stated_numbers(element, what, report)}
-    axis = (1.0, 0.0, 0.0)
+        return Joint(name, kind, parent, child, **origin)
+    kind, motion = _stops(element, kind, what, report)
+    motion |= _limits(element, what, report) | _stated(element.find("dynamics"), DYNAMICS, what, report)
     with report.blaming(element):
-        axis = _axis(element, what, report)
-    joint = Joint(name, kind, parent, child, xyz, rpy, axis, **motion, mimic=_mimic(element, what, report))
-    if joint.lower == joint.upper:
-        held[name] = joint.lower
-    return joint
-
-
-def _mimic(element: Element, what: str, report: Report) -> Mimic | None:
-    stated = element.find("mimic")
-    if stated is None or not stated.get("joint"):  # which is refused as missing
-        return None
-    multiplier = offset = 0.0
-    with report.blaming(stated):
-        multiplier = number(stated, "multiplier", what, default=1.0)
-        offset = number(stated, "offset", what, default=0.0)
-    return Mimic(stated.get("joint", ""), multiplier, offset)
+        motion["axis"] = _axis(element, what, report)
+    mimic = element.find("mimic")
+    if mimic is not None and mimic.get("joint"):  # else it is refused as missing
+        motion["mimic"] = Mimic(mimic.get("joint", ""), **_stated(mimic, ("multiplier", "offset"), what, report))
+    return Joint(name, kind, parent, child, **origin, **motion)
 
 
 def _axis(element: Element, what: str, report: Report) -> Vector:
     """Return the axis at unit length; (1, 0, 0) if the file has none, as URDF says."""
-    stated = element.find("axis")
-    if stated is None:
-        return (1.0, 0.0, 0.0)
-    axis = (1.0, 0.0, 0.0)
-    with report.blaming(stated):
-        axis = vector(stated, "xyz", what)
+    axis: Vector = _stated(element.find("axis"), ("xyz",), what, report, vector).get("xyz", (1.0, 0.0, 0.0))
     largest = max(abs(x) for x in axis)
     if not largest > 0:
         raise ValueError(f"{what}: axis {axis!r} has length {largest!r}; expected > 0: give a direction such as 0 0 1")
@@ -186,7 +181,7 @@ def _axis(element: Element, what: str, report: Report) -> Vector:
     return x, y, z
 
 
-def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[str, dict[str, float]]:
+def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[Any, dict[str, Any]]:
     """Return type and stops of a joint.
 
     URDF requires <limit>, whose lower and upper are 0 by default.  As in MuJoCo, both 0 means no stops.
@@ -198,18 +193,16 @@ def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[str,
         return kind, {}
     if kind not in ("revolute", "prismatic"):
         return kind, {}
-    found, stated = f"type {kind!r} has no <limit>", []
-    if limit is not None:
-        stated = [name for name in stops if name in limit.attrib]
-        with report.blaming(limit):
-            stops |= {name: number_or_inf(limit, name, what) for name in stated}
-        found = f"limits lower {stops['lower']!r}, upper {stops['upper']!r}"
+    stated = _stated(limit, stops, what, report, number_or_inf)
+    stops |= stated
+    limits = f"limits lower {stops['lower']!r}, upper {stops['upper']!r}"
+    found = limits if limit is not None else f"type {kind!r} has no <limit>"
     if stops["lower"] == stops["upper"] == 0.0 or (stops["lower"], stops["upper"]) == (-math.inf, math.inf):
         remedy = "state the limits, or use type 'fixed'" + (" or 'continuous'" if kind == "revolute" else "")
         report.assume(element, what, found, "no stops", remedy)
         return ("continuous" if kind == "revolute" else kind), {}
     if len(stated) == 1:
-        report.assume(element, what, f"<limit> states only {stated[0]}", "the other is 0", "state both")
+        report.assume(element, what, f"<limit> states only {next(iter(stated))}", "the other is 0", "state both")
     if stops["lower"] == stops["upper"]:
         report.assume(element, what, found, "held there", "use type 'fixed' for a joint that does not move")
     return kind, stops
@@ -222,42 +215,9 @@ def _limits(element: Element, what: str, report: Report) -> dict[str, float]:
         return {}
     for skipped in [name for name in ("acceleration", "deceleration", "jerk") if name in limit.attrib]:
         report.remark(f"skipped {skipped} of <limit>: the servo limits the motion")
-    values: dict[str, float] = {}
-    for name in [name for name in ("effort", "velocity") if name in limit.attrib]:
-        with report.blaming(limit):
-            values[name] = number_or_inf(limit, name, what)
     if not ("effort" in limit.attrib and "velocity" in limit.attrib):
         report.remark("a <limit> states no effort or no velocity: taken as unlimited")
-    return values
-
-
-def _stated_numbers(element: Element, what: str, report: Report) -> dict[str, float]:
-    children = [(child, JOINT_NUMBERS[child.tag]) for child in element if child.tag in JOINT_NUMBERS]
-    return {k: v for child, names in children for k, v in _numbers(child, names, what, report, 0.0).items()}
-
-
-def _numbers(
-    element: Element | None, names: tuple[str, ...], what: str, report: Report, default: float | None = None
-) -> dict[str, float]:
-    """Return numbers of an element by name; 0 for a wrong one, which is reported."""
-    values = dict.fromkeys(names, 0.0)
-    if element is None:  # which has been reported, as what is required and missing has
-        return values
-    for name in names:
-        if name in element.attrib or default is not None:
-            with report.blaming(element):
-                values[name] = number(element, name, what, default)
-    return values
-
-
-def _origin(element: Element, what: str, report: Report) -> tuple[Vector, Vector]:
-    origin, xyz, rpy = element.find("origin"), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if origin is not None:
-        with report.blaming(origin):
-            xyz = vector(origin, "xyz", what)
-        with report.blaming(origin):
-            rpy = vector(origin, "rpy", what)
-    return xyz, rpy
+    return _stated(limit, ("effort", "velocity"), what, report, number_or_inf)
 
 
 def _without_world(

@@ -11,6 +11,7 @@ from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
 from ...model import Base, Joint, Link, Mimic
 from ...model.rigid_bodies import inertia_tuple, turned_inertia
+from ..robot import MASSLESS
 from .equalities import Line
 from .names import names_of, unused
 
@@ -18,7 +19,6 @@ WORLD = "world"
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 PLANE = 0  # mjtGeom
 NO_STOP = 1e10  # a range this wide is none
-STILL: dict[str, Any] = {"mass": 0.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": (0.0,) * 6}
 
 
 class Tree(NamedTuple):
@@ -51,7 +51,7 @@ def read_tree(m: Any, base: Base | None, mimics: dict[int, Line]) -> Tree:
     for b in range(1, m.nbody):
         if b != root and tree.holds(m, b):
             chain = _chain(m, b, bodies, names, [joint.name for joint in joints])
-            links += [*(Link(joint.child, **STILL) for joint in chain[:-1]), _link(m, b, bodies[b])]
+            links += [*(Link(joint.child, **MASSLESS) for joint in chain[:-1]), _link(m, b, bodies[b])]
             joints += chain
     return tree._replace(links=tuple(links), joints=tuple(_coupled(joints, names, mimics)))
 
@@ -107,7 +107,7 @@ def _at_origin(m: Any, b: int) -> bool:
 def _link(m: Any, b: int, name: str) -> Link:
     mass = float(m.body_mass[b])
     if b == 0 or mass == 0:
-        return Link(name, **STILL)
+        return Link(name, **MASSLESS)
     I = turned_inertia(rotation_from_quaternion(m.body_iquat[b]), principal(m.body_inertia[b]))
     return Link(name, mass, vector(m.body_ipos[b]), inertia_tuple(I))
 

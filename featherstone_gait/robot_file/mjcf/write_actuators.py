@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ...model import Joint, Model, Servo, depends_on_load_or_speed
-from .element import element, number, numbers
+from ..markup import element
 
 LOADED = "no friction that falls with the speed or grows with the load"
 CONTINUOUS = ("pd", "pd_clamped")
@@ -39,42 +39,33 @@ def _damping(servo: Servo) -> float:
     return servo.viscous_friction + rotor
 
 
-def _actuator(name: str, servo: Servo) -> list[str]:
-    """Write the actuator of a servo; none if MuJoCo has no such law."""
-    if servo.controller.law == "pid_speed":
-        return []
-    return [_position(name, servo) if servo.controller.law in CONTINUOUS else _motor(name, servo)]
-
-
 def rotor_inertia(servo: Servo | None) -> float:
     """Return G^2 J, which a servo adds to its joint [kg m^2]."""
     return servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia if servo else 0.0
 
 
-def _position(name: str, servo: Servo) -> str:
-    law = servo.controller
-    limit = numbers((-law.torque_limit, law.torque_limit)) if law.torque_limit < math.inf else None
-    gains = {"kp": number(law.Kp), "kv": number(law.Kd)}
-    return element("position", {"name": name, "joint": name, **gains, "forcerange": limit})
-
-
-def _motor(name: str, servo: Servo) -> str:
+def _actuator(name: str, servo: Servo) -> list[str]:
+    """Write the actuator of a servo; none if MuJoCo has no such law."""
     law, gear = servo.controller, servo.gearbox
+    if law.law == "pid_speed":
+        return []
+    if law.law in CONTINUOUS:
+        limit = (-law.torque_limit, law.torque_limit) if law.torque_limit < math.inf else None
+        return element("position", {"name": name, "joint": name, "kp": law.Kp, "kv": law.Kd, "forcerange": limit})
     K, R = gear.ratio * servo.motor_constant, servo.resistance
-    gains = (K / R * law.Kp, K / R * law.Ki, K / R * (law.Kd + K), 0.0, 0.0, servo.voltage_limit)
     current = servo.current_limit if servo.current_limit < math.inf else 0.0
     slew = servo.current_slew if servo.current_slew < math.inf and servo.inductance else 0.0
     attributes = {
         "name": name,
         "joint": name,
-        "motorconst": numbers((K, K)),
-        "resistance": number(R),
-        "inductance": numbers((servo.inductance, 0.0)) if servo.inductance else None,
-        "saturation": numbers((0.0, current, slew)) if current or slew else None,
+        "motorconst": (K, K),
+        "resistance": R,
+        "inductance": (servo.inductance, 0.0) if servo.inductance else None,
+        "saturation": (0.0, current, slew) if current or slew else None,
         "input": "pos",
-        "controller": numbers(gains),
-        "armature": number(rotor_inertia(servo)) if gear.rotor_inertia else None,
-        "damping": number(_damping(servo)) if _damping(servo) else None,
+        "controller": (K / R * law.Kp, K / R * law.Ki, K / R * (law.Kd + K), 0.0, 0.0, servo.voltage_limit),
+        "armature": rotor_inertia(servo) or None,
+        "damping": _damping(servo) or None,
     }
     return element("dcmotor", attributes)
 

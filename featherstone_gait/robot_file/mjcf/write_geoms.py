@@ -1,14 +1,29 @@
-"""Write collision shapes and contact points as geoms."""
+"""Write collision shapes and contact points as geoms, and a floor as soft as the ground's static penetration requires.
+
+At rest MuJoCo's contact of the constant impedance d carries the force f at the depth r with k r = (1 - d) / d w f: w is
+the inverse inertia that the body offers to a force, and k = stiffness / d for solref = -stiffness -damping.  Small
+motions about that have the stiffness d k and the damping damping, for each unit of mass.  Source: MuJoCo's pages on
+computation ("Constraint model") and modeling ("Solver parameters").
+"""
 
 from __future__ import annotations
 
+import math
 import os
+from typing import Any
 
-from ...model import ContactPoint, Model
+import numpy as np
+
+from ...dynamics import Wrench, energy, forward_dynamics
+from ...model import ContactPoint, Ground, HeightField, Link, Model
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
-from .element import comment, element, number, numbers
+from ..markup import comment, element
 from .names import unused
+from .write_actuators import rotor_inertia
 
+IMPEDANCE = 0.9  # MuJoCo's default
+GRAVITY = 9.81  # [m/s^2]
+FIELD_BASE = 1.0  # of a height field, thickness below its lowest point [m]
 POINT_RADIUS = 1e-4  # of a contact point as a sphere, half the thickness of a circle [m]
 READ = (".stl", ".obj", ".msh")  # mesh files
 MOST_TRIANGLES = 200_000  # of an STL
@@ -24,59 +39,42 @@ def geom_lines(model: Model, link: str) -> list[str]:
     A contact point is a sphere, or a flat cylinder for a circle; if the model has contact points, shapes touch no
     floor.
     """
-    names, bits = geom_names(model), SILENT if model.contacts else TOUCHING
-    shapes = [(k, shape) for k, shape in enumerate(model.shapes) if shape.link == link]
-    points = [(name, point) for name, point in zip(names[len(model.shapes) :], model.contacts) if point.link == link]
-    return [
-        *(_shape_line(k, names[k], shape, bits) for k, shape in shapes),
-        *(element("geom", {"name": name, **_point(point), **MASSLESS, **TOUCHING}) for name, point in points),
-    ]
-
-
-def geom_names(model: Model) -> list[str]:
-    """Return unique names of the shapes, then of the contact points; empty for a shape without a name."""
-    names: list[str] = []
+    names: list[str] = []  # of the shapes, then of the contact points; empty for a shape without a name
     for name in (*(shape.name for shape in model.shapes), *(f"contact{k}" for k in range(len(model.contacts)))):
         names.append(unused(name, [FLOOR, *names]) if name else "")
-    return names
+    bits, lines = (SILENT if model.contacts else TOUCHING), []
+    for k, shape in enumerate(model.shapes):
+        if shape.link == link:
+            lines += _shape_lines(k, names[k], shape, bits)
+    for name, point in zip(names[len(model.shapes) :], model.contacts):
+        if point.link == link:
+            lines += element("geom", {"name": name, **_point(point), **MASSLESS, **TOUCHING})
+    return lines
 
 
-def _shape_line(k: int, name: str, shape: Shape, bits: dict[str, str]) -> str:
-    kind, size = _geometry(shape.geometry)
-    if not kind:
-        return comment(f"left out {name or 'a shape'}: {_described(shape.geometry)}")
-    attributes = {
-        "type": kind,
-        "name": name or None,
-        "size": numbers(size) if size else None,
-        "mesh": None if size else f"mesh{k}",
-        "pos": numbers(shape.xyz),
-        "euler": numbers(shape.rpy),
-    }
-    return element("geom", {**attributes, **MASSLESS, **bits})
+def _shape_lines(k: int, name: str, shape: Shape, bits: dict[str, str]) -> list[str]:
+    stated, geometry = _geometry(k, shape.geometry), shape.geometry
+    if not stated:
+        what = geometry.file if isinstance(geometry, Mesh) else f"{type(geometry).__name__} without extent"
+        return [comment(f"left out {name or 'a shape'}: {what}")]
+    attributes = {"name": name or None, **stated, "pos": shape.xyz, "euler": shape.rpy, **MASSLESS, **bits}
+    return element("geom", attributes)
 
 
-def _described(geometry: Geometry) -> str:
-    return geometry.file if isinstance(geometry, Mesh) else f"{type(geometry).__name__} without extent"
-
-
-def _geometry(geometry: Geometry) -> tuple[str, tuple[float, ...]]:
-    """Return MuJoCo's type and size of a geometry; no type if MuJoCo does not accept it."""
-    if isinstance(geometry, Hull):
-        return "mesh", ()
-    if isinstance(geometry, Mesh):
-        return ("mesh" if _readable(geometry.file) else ""), ()
-    kind, size = type(geometry).__name__.lower(), _size(geometry)
-    return (kind if min(size) > 0 else ""), size
-
-
-def _size(geometry: Sphere | Capsule | Cylinder | Box) -> tuple[float, ...]:
-    if isinstance(geometry, Sphere):
-        return (geometry.radius,)
-    if isinstance(geometry, Box):
-        x, y, z = geometry.size
-        return 0.5 * x, 0.5 * y, 0.5 * z
-    return geometry.radius, 0.5 * geometry.length
+def _geometry(k: int, geometry: Geometry) -> dict[str, Any]:
+    """Return MuJoCo's type and size of a geometry, or the name of its mesh; empty if MuJoCo does not accept it."""
+    match geometry:
+        case Hull():
+            return {"type": "mesh", "mesh": f"mesh{k}"}
+        case Mesh(file):
+            return {"type": "mesh", "mesh": f"mesh{k}"} if _readable(file) else {}
+        case Sphere(radius):
+            size: tuple[float, ...] = (radius,)
+        case Box((x, y, z)):
+            size = (0.5 * x, 0.5 * y, 0.5 * z)
+        case Capsule(radius, length) | Cylinder(radius, length):
+            size = (radius, 0.5 * length)
+    return {"type": type(geometry).__name__.lower(), "size": size} if min(size) > 0 else {}
 
 
 def _readable(file: str) -> bool:
@@ -84,50 +82,116 @@ def _readable(file: str) -> bool:
     kind = os.path.splitext(file)[1].lower()
     if kind not in READ or not os.path.isfile(file):
         return False
-    return _is_binary_stl(file) if kind == ".stl" else kind != ".obj" or _is_finite_obj(file)
-
-
-def _is_binary_stl(file: str) -> bool:
-    """Check for a header of 80 bytes, the number of triangles, and 50 bytes for each."""
-    with open(file, "rb") as stream:
-        count = int.from_bytes(stream.read(84)[80:], "little")
-    return 0 < count <= MOST_TRIANGLES and os.path.getsize(file) == 84 + 50 * count
-
-
-def _is_finite_obj(file: str) -> bool:
+    if kind == ".stl":  # a header of 80 bytes, the number of triangles, and 50 bytes for each
+        with open(file, "rb") as stream:
+            count = int.from_bytes(stream.read(84)[80:], "little")
+        return 0 < count <= MOST_TRIANGLES and os.path.getsize(file) == 84 + 50 * count
     with open(file, encoding="utf-8", errors="replace") as stream:
-        return not any("nan" in line or "inf" in line for line in stream if line.startswith("v "))
+        points = (line for line in stream if line.startswith("v ")) if kind == ".obj" else ()
+        return not any("nan" in line or "inf" in line for line in points)
 
 
 def unread_meshes(model: Model) -> list[str]:
     """Return files of shapes that do not exist, or that MuJoCo does not read."""
-    meshes = [shape.geometry for shape in model.shapes if isinstance(shape.geometry, Mesh)]
-    return list(dict.fromkeys(mesh.file for mesh in meshes if not _geometry(mesh)[0]))
+    files = dict.fromkeys(shape.geometry.file for shape in model.shapes if isinstance(shape.geometry, Mesh))
+    return [file for file in files if not _readable(file)]
 
 
 def mesh_lines(model: Model) -> list[str]:
-    """Write the hulls, and the files that shapes name."""
-    return [line for k, shape in enumerate(model.shapes) for line in _mesh_lines(k, shape.geometry)]
+    """Write the hulls, and the files that shapes name.
+
+    They state inertia="shell", since MuJoCo requires a volume even of massless meshes.
+    """
+    lines = []
+    for k, shape in enumerate(model.shapes):
+        stated: dict[str, Any] = {}
+        match shape.geometry:
+            case Hull(points):
+                stated = {"vertex": points}
+            case Mesh(file, scale) if _readable(file):
+                stated = {"file": file, "scale": scale}
+        if stated:
+            lines += element("mesh", {"name": f"mesh{k}", **stated, "inertia": "shell"})
+    return lines
 
 
-def _mesh_lines(k: int, geometry: Geometry) -> list[str]:
-    """Write a mesh with inertia="shell", since MuJoCo requires a volume even of massless meshes."""
-    if isinstance(geometry, Hull):
-        stated = {"vertex": numbers(x for point in geometry.points for x in point)}
-    elif isinstance(geometry, Mesh) and _readable(geometry.file):
-        stated = {"file": geometry.file, "scale": numbers(geometry.scale)}
-    else:
-        return []
-    return [element("mesh", {"name": f"mesh{k}", **stated, "inertia": "shell"})]
-
-
-def _point(point: ContactPoint) -> dict[str, str]:
-    pos = numbers(point.position)
+def _point(point: ContactPoint) -> dict[str, Any]:
     if point.circle_radius > 0:
-        return {
-            "type": "cylinder",
-            "pos": pos,
-            "zaxis": numbers(point.axis),
-            "size": numbers((point.circle_radius, POINT_RADIUS)),
-        }
-    return {"type": "sphere", "pos": pos, "size": number(point.radius or POINT_RADIUS)}
+        size = (point.circle_radius, POINT_RADIUS)
+        return {"type": "cylinder", "pos": point.position, "zaxis": point.axis, "size": size}
+    return {"type": "sphere", "pos": point.position, "size": point.radius or POINT_RADIUS}
+
+
+# ---------------------------------------------------------------------------------------------- ground
+
+
+def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[str]]:
+    """Write the ground as a plane or a height field, and return what of the ground is left out."""
+    if ground is None:
+        return [], []
+    stiffness = GRAVITY * (1.0 - IMPEDANCE) / ground.penetration * _softness(model)
+    damping = 2.0 * ground.damping_ratio * math.sqrt(stiffness)
+    if ground.field is None:
+        turn = (0.0, -ground.slope, ground.heading)
+        kind = {"type": "plane", "size": "0 0 1", "pos": (0.0, 0.0, ground.height), "euler": turn}
+    else:
+        x, y = (o + half for o, half in zip(ground.field.origin, _halves(ground.field)))
+        kind = {"type": "hfield", "hfield": FLOOR, "pos": (x, y, ground.height + ground.field.heights.min())}
+    floor = {
+        "name": FLOOR,
+        **kind,
+        "friction": (ground.friction, 0.005, 0.0001),
+        "solref": (-stiffness, -damping),
+        "solimp": (IMPEDANCE, IMPEDANCE, 0.001),
+        "priority": "1",
+    }
+    left = ["the steps of the ground are left out"] if ground.steps else []
+    left += ["the ground ends at the edge of its field, whose cells are two triangles each"] if ground.field else []
+    return element("geom", floor), left
+
+
+def _halves(field: HeightField) -> list[float]:
+    """Return half the width of a field along x and y [m]."""
+    return [0.5 * step * (count - 1) for step, count in zip(field.spacing, field.heights.shape)]
+
+
+def field_lines(ground: Ground | None) -> list[str]:
+    """Write the height field; MuJoCo lists its rows from the largest y down, with heights from 0 to 1 of a size."""
+    if ground is None or ground.field is None:
+        return []
+    field, (nx, ny) = ground.field, ground.field.heights.shape
+    size = (*_halves(field), float(np.ptp(field.heights)) or FIELD_BASE, FIELD_BASE)
+    elevation = (field.heights - field.heights.min()).T[::-1]
+    stated = {"nrow": str(ny), "ncol": str(nx), "size": size, "elevation": elevation}
+    return element("hfield", {"name": FLOOR, **stated})
+
+
+def _softness(model: Model) -> float:
+    """Compute the mean over the contacts of w m / n, their share of the weight by the mass they feel.
+
+    It is 1 without contacts.
+    """
+    touching = [item.link for item in model.contacts or model.shapes]
+    if not touching:
+        return 1.0
+    links = {link.name: link for link in model.links}
+    seen = {name: _inverse_inertia(model, links[name]) for name in dict.fromkeys(touching)}
+    return sum(seen[name] for name in touching) / len(touching) ** 2 * model.mass
+
+
+def _inverse_inertia(model: Model, link: Link) -> float:
+    """Compute the mean inverse inertia [1/kg] that a link's center of mass offers to a force along an axis, at zero.
+
+    A unit impulse e gives the velocities M^-1 J' e, and twice their kinetic energy is e' J M^-1 J' e.
+    """
+    q = np.zeros(model.nq)
+    if model.base == "floating":
+        q[3] = 1.0
+    armature = np.array([joint.armature + rotor_inertia(model.servos.get(joint.name)) for joint in model.moving_joints])
+    still, none = np.zeros(model.nv), (0.0, 0.0, 0.0)
+    total = 0.0
+    for e in np.eye(3):
+        wrench = {link.name: Wrench(e, np.cross(link.center_of_mass, e))}
+        qd = forward_dynamics(model, q, still, still, wrench=wrench, armature=armature, gravity=none)
+        total += 2.0 * float(energy(model, q, qd, armature=armature, gravity=none).kinetic) / 3.0
+    return total
