@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
 from ..model.checks import check_angles
-from ..model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+from ..model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from .grammar import label
 from .markup import number, vector
 from .report import Report
@@ -86,34 +88,26 @@ def shape_of(element: Element, link: str, what: str, meshes: MeshFinder, report:
             f"{what}: <{element.tag}> has {len(stated)} geometries; expected one of "
             f"{', '.join(f'<{tag}>' for tag in _GEOMETRIES)}: correct it"
         )
-    geometry = _GEOMETRIES[stated[0].tag](stated[0], what)
+    kind, reads = _GEOMETRIES[stated[0].tag]
+    geometry = kind(*(read(stated[0], name, what) for name, read in reads.items()))
     if isinstance(geometry, Mesh):
-        geometry = _located(geometry, meshes, report)
+        path = meshes.find(geometry.file)
+        if path is None:
+            report.remark(f"mesh {geometry.file!r} of a <collision> is not there: its path is kept as written")
+        geometry = replace(geometry, file=str(path or geometry.file))
     return Shape(link, geometry, xyz, rpy, element.get("name", ""))
 
 
-def _located(mesh: Mesh, meshes: MeshFinder, report: Report) -> Mesh:
-    path = meshes.find(mesh.file)
-    if path is None:
-        report.remark(f"mesh {mesh.file!r} of a <collision> is not there: its path is kept as written")
-        return mesh
-    return Mesh(str(path), mesh.scale)
-
-
-def _mesh(element: Element, what: str) -> Geometry:
-    if not element.get("filename"):
+def _filename(element: Element, name: str, what: str) -> str:
+    if not element.get(name):
         raise ValueError(f"{what}: <mesh> has no filename; it is required: add it")
-    return Mesh(element.attrib["filename"], vector(element, "scale", what, "1 1 1"))
+    return element.attrib[name]
 
 
-def _round(make: Callable[[float, float], Geometry]) -> Callable[[Element, str], Geometry]:
-    return lambda element, what: make(number(element, "radius", what), number(element, "length", what))
-
-
-_GEOMETRIES: dict[str, Callable[[Element, str], Geometry]] = {
-    "box": lambda element, what: Box(vector(element, "size", what)),
-    "sphere": lambda element, what: Sphere(number(element, "radius", what)),
-    "cylinder": _round(Cylinder),
-    "capsule": _round(Capsule),
-    "mesh": _mesh,
+_GEOMETRIES: dict[str, tuple[type, dict[str, Callable]]] = {  # and their attributes
+    "box": (Box, {"size": vector}),
+    "sphere": (Sphere, {"radius": number}),
+    "cylinder": (Cylinder, {"radius": number, "length": number}),
+    "capsule": (Capsule, {"radius": number, "length": number}),
+    "mesh": (Mesh, {"filename": _filename, "scale": partial(vector, default="1 1 1")}),
 }

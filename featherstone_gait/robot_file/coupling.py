@@ -34,8 +34,14 @@ def resolve_couplings(
             if mode == "locked" or still:
                 held[joint.name] = _held_position(joint, leader, locked, report)
             else:
-                mimic = Mimic(leader.joint.name, leader.multiplier, leader.offset)
-                _check_ranges(joint, leader, report)
+                head, k, offset = leader
+                mimic = Mimic(head.name, k, offset)
+                low, high = sorted(k * limit + offset for limit in (head.lower, head.upper))
+                if low > joint.upper or high < joint.lower:
+                    report.doubt(
+                        f"joint {joint.name!r} follows joint {head.name!r}, whose limits put it between {low:.6g} and "
+                        f"{high:.6g}, beyond its own {joint.lower:.6g} to {joint.upper:.6g}"
+                    )
         resolved.append(replace(joint, mimic=mimic))
     return tuple(resolved), held
 
@@ -67,17 +73,6 @@ def _is_coupled(
 def _refuse(report: Report, joint: str, text: str) -> bool:
     report.refuse_at(f"joint {joint!r}", f"joint {joint!r}: {text}, or load with mimic='free'")
     return False
-
-
-def _check_ranges(joint: Joint, leader: Leader, report: Report) -> None:
-    """Report a follower that is beyond its limits wherever its leader is."""
-    head, k, offset = leader
-    low, high = sorted(k * limit + offset for limit in (head.lower, head.upper))
-    if low > joint.upper or high < joint.lower:
-        report.doubt(
-            f"joint {joint.name!r} follows joint {head.name!r}, whose limits put it between {low:.6g} and "
-            f"{high:.6g}, beyond its own {joint.lower:.6g} to {joint.upper:.6g}"
-        )
 
 
 def _held_position(joint: Joint, leader: Leader, locked: Mapping[str, float], report: Report) -> float:

@@ -73,19 +73,15 @@ def tidy(element: Element, what: str, report: Report) -> None:
 
     The children of <robot> are left for separate calls.
     """
-    _tidy_text(element, what, report)
+    text = "".join([element.text or "", *(child.tail or "" for child in element)]).strip()
+    if text:
+        remedy = "values stand in attributes: remove it"
+        report.assume(element, what, f"stray text {text[:40]!r}", "ignored", remedy)
     _tidy_attributes(element, what, report)
     _tidy_children(element, what, report)
     for child in element:
         if element.tag != "robot" and child.tag not in _READ_ELSEWHERE:
             tidy(child, label(child, what), report)
-
-
-def _tidy_text(element: Element, what: str, report: Report) -> None:
-    text = "".join([element.text or "", *(child.tail or "" for child in element)]).strip()
-    if text:
-        remedy = "values stand in attributes: remove it"
-        report.assume(element, what, f"stray text {text[:40]!r}", "ignored", remedy)
 
 
 def _tidy_attributes(element: Element, what: str, report: Report) -> None:
@@ -130,29 +126,22 @@ def _tidy_children(element: Element, what: str, report: Report) -> None:
             expected = f"expected {', '.join(f'<{tag}>' for tag in legal) or 'none'}"
             meaning = _meaning(element.tag, child.tag, missing)
             _pass_over(child, what, f"unknown element <{child.tag}>", expected, meaning, report)
-        elif not _is_absent(child, what, report):
+        elif child.tag in _EMPTY_IS_ABSENT and not child.attrib and not len(child):
+            found = f"<{child.tag}> is empty"
+            report.assume(child, what, found, "as if it were not there", "fill it, or remove it")
+        else:
             seen[child.tag] += 1
             if seen[child.tag] == 1 or child.tag in many:
                 continue
             if seen[child.tag] == 2:
-                _note_repetition(element, child, tags.count(child.tag), what, report)
+                texts = {tostring(other).strip() for other in element.iterfind(child.tag)}
+                found = f"{tags.count(child.tag)} elements <{child.tag}>"
+                same = "all the same" if len(texts) == 1 else "the first was taken"
+                report.assume(child, what, found, same, "at most one is allowed: remove the others")
         element.remove(child)
     for tag in grammar.needs.split():
         if tag not in tags:
             report.refuse(element, f"{what}: element <{tag}> is missing; exactly one is required: add it")
-
-
-def _is_absent(child: Element, what: str, report: Report) -> bool:
-    empty = child.tag in _EMPTY_IS_ABSENT and not child.attrib and not len(child)
-    if empty:
-        report.assume(child, what, f"<{child.tag}> is empty", "as if it were not there", "fill it, or remove it")
-    return empty
-
-
-def _note_repetition(element: Element, child: Element, count: int, what: str, report: Report) -> None:
-    texts = {tostring(other).strip() for other in element.iterfind(child.tag)}
-    same = "all the same" if len(texts) == 1 else "the first was taken"
-    report.assume(child, what, f"{count} elements <{child.tag}>", same, "at most one is allowed: remove the others")
 
 
 def _pass_over(element: Element, what: str, found: str, expected: str, meaning: str, report: Report) -> None:

@@ -16,7 +16,7 @@ from ..model.tree_checks import check_locked
 from .collision import MeshFinder
 from .coupling import MimicMode, resolve_couplings
 from .errors import RobotFileError, blamed_on
-from .markup import Markup, read_markup
+from .markup import read_markup
 from .mjcf.read import read_mjcf
 from .report import Report
 from .robot import Robot
@@ -94,14 +94,25 @@ def load_robot(
         for sentence in markup.doubts:
             report.doubt(sentence)
         meshes = MeshFinder(path, package_dirs)
-        foreign = _foreign(path, markup, base, report)
-        robot = foreign or read_urdf(markup.root, path, meshes, report, repair_inertia)
+        if markup.root.tag == "mujoco":
+            robot = read_mjcf(path, base, report)
+        elif markup.root.tag == "scene" or markup.root.find("solids") is not None:
+            robot = read_simtwo(path, markup.root, base, report)
+        else:
+            robot = read_urdf(markup.root, path, meshes, report, repair_inertia)
     settings = _settings(path, robot, report)
     held = {**robot.held, **_held(path, robot, locked, settings, report)}
-    moving = resolve_couplings(robot.joints, held, mimic, report)
-    model = _model(path, robot, settings, base, moving, report, meshes.package_dirs)
+    joints, held = resolve_couplings(robot.joints, held, mimic, report)
+    if base is None:
+        base = settings.base or robot.base or "fixed"
+    robot = robot._replace(joints=joints, base=base, held=held)
+    model = _model(path, robot, settings, report, meshes.package_dirs)
     report.warn(path, stacklevel=2)
-    return _touching(model, settings.choice if contacts is None else contacts)
+    choice = settings.choice if contacts is None else contacts
+    if choice is None:
+        return model
+    with blamed_on(f"{path}: contacts={choice!r}"):
+        return with_contacts(model, choice)
 
 
 def _check_arguments(name_or_path: Any, strict: Any, repair_inertia: Any, package_dirs: Any) -> None:
@@ -112,15 +123,6 @@ def _check_arguments(name_or_path: Any, strict: Any, repair_inertia: Any, packag
     if not isinstance(package_dirs, (str, os.PathLike)):
         for folder in listed("package_dirs", package_dirs, "give a folder, or a list of them"):
             instance("package_dirs", folder, (str, os.PathLike), "give a folder, or a list of them")
-
-
-def _foreign(path: Path, markup: Markup, base: Base | None, report: Report) -> Robot | None:
-    """Read a file that is no URDF, judging by its root element; None for a URDF."""
-    if markup.root.tag == "mujoco":
-        return read_mjcf(path, base, report)
-    if markup.root.tag == "scene" or markup.root.find("solids") is not None:
-        return read_simtwo(path, markup.root, base, report)
-    return None
 
 
 def _settings(path: Path, robot: Robot, report: Report) -> Settings:
@@ -147,60 +149,32 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
     return held
 
 
-def _model(
-    path: Path,
-    robot: Robot,
-    settings: Settings,
-    base: Base | None,
-    moving: tuple,
-    report: Report,
-    package_dirs: tuple[str, ...],
-) -> Model:
+def _model(path: Path, robot: Robot, settings: Settings, report: Report, package_dirs: tuple[str, ...]) -> Model:
     """Make the model; report what is wrong with it."""
-    joints, held = moving
-    taken: Base = next(b for b in (base, settings.base, robot.base, "fixed") if b is not None)
-    model = None
+    armature, postures = settings.armature, {**robot.postures, **settings.postures}
+    moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in robot.held]
+    keyframes = {
+        name: (*(at.base if robot.base == "floating" else ()), *(at.joints[joint] for joint in moving))
+        for name, at in postures.items()
+    }
     with report.blaming():
         model = Model(
             name=robot.name,
             links=robot.links,
-            joints=_with_armature(joints, settings.armature),
-            base=taken,
-            locked=held,
+            joints=tuple(replace(j, armature=armature[j.name]) if j.name in armature else j for j in robot.joints),
+            base=robot.base or "fixed",
+            locked=robot.held,
             servos={**robot.servos, **settings.servos},
             contacts=settings.contacts,
             shapes=robot.shapes,
-            keyframes={**_keyframes(robot, settings, taken, held), **settings.keyframes},
+            keyframes={**keyframes, **settings.keyframes},
             notes=report.notes(),
             source=str(path),
             supply=settings.supply,
             package_dirs=package_dirs,
         )
     report.raise_problems(path)
-    assert model is not None
     return model
-
-
-def _with_armature(joints: tuple[Joint, ...], armature: Mapping[str, float]) -> tuple[Joint, ...]:
-    """Return the joints with the armature that the TOML file gives to some."""
-    return tuple(replace(j, armature=armature[j.name]) if j.name in armature else j for j in joints)
-
-
-def _keyframes(robot: Robot, settings: Settings, base: Base, held: Mapping) -> dict[str, tuple[float, ...]]:
-    """Return the postures of the file and of the TOML file as q (nq,)."""
-    moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in held]
-    return {
-        name: (*(posture.base if base == "floating" else ()), *(posture.joints[joint] for joint in moving))
-        for name, posture in {**robot.postures, **settings.postures}.items()
-    }
-
-
-def _touching(model: Model, choice: Choice | None) -> Model:
-    """Return the robot with the contact points chosen, if any are."""
-    if choice is None:
-        return model
-    with blamed_on(f"{model.source}: contacts={choice!r}"):
-        return with_contacts(model, choice)
 
 
 def _chosen(locked: Any, sets: Mapping[str, dict[str, float]], joints: Iterable[Joint]) -> dict[str, float]:

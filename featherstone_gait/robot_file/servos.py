@@ -189,7 +189,10 @@ def _servo_values(path: Path, gearbox: str) -> dict[str, Any]:
     with blamed_on(path):
         table = read_toml(path)
         presets = table_of(table, "gearboxes", "")
-        _check_preset(gearbox, presets)
+        if gearbox not in presets and (presets or gearbox != "physical"):  # the one gearbox of a file without presets
+            expected = f"; expected one of {', '.join(presets)}: use one of these"
+            none = ": the file has no [gearboxes]; leave the name out, or add it"
+            raise ValueError(f"there is no gearbox {gearbox!r}{expected if presets else none}")
         preset = _servo_settings(table_of(presets, gearbox, "gearboxes."), f"gearboxes.{gearbox}")
         _sheet(table)
         table = {key: value for key, value in table.items() if key not in _TABLES}
@@ -223,15 +226,6 @@ def _numbers(manual: Mapping[str, Any], key: str) -> list[float]:
         if not 0.0 < x < math.inf:
             raise ValueError(f"manual: {key} has {x!r}; expected numbers above 0: correct it, or leave {key} out")
     return numbers
-
-
-def _check_preset(gearbox: str, presets: Mapping[str, Any]) -> None:
-    """Raise ValueError for an unknown preset; a file without presets has one gearbox, called "physical"."""
-    if gearbox in presets or (not presets and gearbox == "physical"):
-        return
-    if not presets:
-        raise ValueError(f"there is no gearbox {gearbox!r}: the file has no [gearboxes]; leave the name out, or add it")
-    raise ValueError(f"there is no gearbox {gearbox!r}; expected one of {', '.join(presets)}: use one of these")
 
 
 def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] = ()) -> dict[str, Any]:

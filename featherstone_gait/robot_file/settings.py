@@ -91,14 +91,11 @@ def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
             f"contacts is {rows!r}; expected a list of points, a list of links, 'feet' or 'all': write "
             "[{link = '...', position = [x, y, z]}, ...]"
         )
-    points = tuple(_contact(row, f"contacts[{k}]") for k, row in enumerate(rows))
+    names = [f" on link {row['link']!r}" if isinstance(row.get("link"), str) else "" for row in rows]
+    whats = [f"contacts[{k}]" for k in range(len(rows))]
+    points = tuple(record(ContactPoint, row, what, what + name) for row, what, name in zip(rows, whats, names))
     check_links("contacts", links, (point.link for point in points))
     return points
-
-
-def _contact(row: dict[str, Any], what: str) -> ContactPoint:
-    named = f"{what} on link {row['link']!r}" if isinstance(row.get("link"), str) else what
-    return record(ContactPoint, row, what, named)
 
 
 def _locked_set(sets: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> dict[str, float]:

@@ -194,6 +194,8 @@ def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[Any,
     if kind not in ("revolute", "prismatic"):
         return kind, {}
     stated = _stated(limit, stops, what, report, number_or_inf)
+    if limit is not None and len(stated) < sum(name in limit.attrib for name in stops):  # a wrong one is reported
+        return kind, {}
     stops |= stated
     limits = f"limits lower {stops['lower']!r}, upper {stops['upper']!r}"
     found = limits if limit is not None else f"type {kind!r} has no <limit>"

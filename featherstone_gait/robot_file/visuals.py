@@ -5,7 +5,6 @@ They are read from the model's file when it is displayed; loading a robot does n
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,8 +19,26 @@ from ..model.shapes import Geometry
 from .collision import MeshFinder, shape_of
 from .grammar import label
 from .markup import Markup, read_markup
-from .mjcf.visuals import Ellipsoid, Triangles, read_geoms
+from .mjcf.names import names_of
+from .mjcf.read import compiled
+from .mjcf.shapes import ELLIPSOID, MESH, geometry_of
 from .report import Report
+
+SHOWN = 3  # groups 0, 1 and 2 are shown by default; collision geoms beside visual ones have 3 or more
+GREY = (0.5, 0.5, 0.5, 1.0)  # a geom's rgba where the file says nothing
+
+
+class Triangles(NamedTuple):
+    """A mesh of the file."""
+
+    points: np.ndarray  # (n, 3) [m]
+    triangles: np.ndarray  # (m, 3)
+
+
+class Ellipsoid(NamedTuple):
+    """An ellipsoid about its origin."""
+
+    radii: np.ndarray  # (3,) [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +77,35 @@ def read_visuals(model: Model) -> Visuals:
 
 
 def _of_mjcf(path: Path, model: Model) -> Visuals:
-    links = {link.name for link in model.links}
+    """Read the geoms in the visible groups, except planes and height fields."""
+    m, _ = compiled(path)
+    bodies, links = names_of(m, "body", m.nbody), {link.name for link in model.links}
     seen: dict[str, list[Visual]] = {}
-    for geom in read_geoms(path):
-        if geom.link in links:
-            placed = (rotation_from_quaternion(geom.quaternion), geom.position)
-            seen.setdefault(geom.link, []).append(Visual(geom.geometry, *placed, geom.color, geom.opacity))
+    for g in np.flatnonzero(m.geom_group < SHOWN):
+        link, geometry, (color, opacity) = bodies[m.geom_bodyid[g]], _geometry(m, int(g)), _color(m, int(g))
+        if geometry is not None and opacity > 0.0 and link in links:
+            placed = (rotation_from_quaternion(m.geom_quat[g]), m.geom_pos[g].copy())
+            seen.setdefault(link, []).append(Visual(geometry, *placed, color, opacity))
     return Visuals(seen, [])
+
+
+def _geometry(m: Any, g: int) -> Geometry | Triangles | Ellipsoid | None:
+    if m.geom_type[g] == MESH:
+        k = m.geom_dataid[g]
+        points = m.mesh_vert[m.mesh_vertadr[k] :][: m.mesh_vertnum[k]].astype(float)
+        return Triangles(points, m.mesh_face[m.mesh_faceadr[k] :][: m.mesh_facenum[k]].astype(int))
+    return Ellipsoid(m.geom_size[g].copy()) if m.geom_type[g] == ELLIPSOID else geometry_of(m, g)
+
+
+def _color(m: Any, g: int) -> tuple[Color | None, float]:
+    """Return color and opacity: the geom's own if they differ from the default, else those of its material."""
+    rgba = m.geom_rgba[g].tolist()
+    if np.allclose(rgba, GREY):
+        if m.geom_matid[g] < 0:
+            return None, 1.0
+        rgba = m.mat_rgba[m.geom_matid[g]].tolist()
+    red, green, blue = (round(255 * x) for x in rgba[:3])
+    return (red, green, blue), rgba[3]
 
 
 def _of_urdf(path: Path, markup: Markup, model: Model) -> Visuals:
@@ -83,17 +122,12 @@ def _of_urdf(path: Path, markup: Markup, model: Model) -> Visuals:
             except ValueError as error:
                 notes.append(str(error))
                 continue
-            color, opacity = _material(visual, named) or (None, 1.0)
+            material = visual.find("material")
+            painted = material is not None and (_rgba(material) or named.get(material.get("name", "")))
+            color, opacity = painted or (None, 1.0)
             placed = (rotation_from_rpy(shape.rpy), np.array(shape.xyz))
             seen.setdefault(name, []).append(Visual(shape.geometry, *placed, color, opacity))
     return Visuals(seen, notes)
-
-
-def _material(visual: Element, named: Mapping[str, Any]) -> tuple[Color, float] | None:
-    material = visual.find("material")
-    if material is None:
-        return None
-    return _rgba(material) or named.get(material.get("name", ""))
 
 
 def _rgba(material: Element) -> tuple[Color, float] | None:

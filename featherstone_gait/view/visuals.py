@@ -19,8 +19,7 @@ from ..geometry.mesh import Color, mesh_parts
 from ..geometry.mesh import Part as MeshPart
 from ..model import Link, Model, inertia_matrix
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
-from ..robot_file.mjcf.visuals import Ellipsoid, Triangles
-from ..robot_file.visuals import Visual, read_visuals
+from ..robot_file.visuals import Ellipsoid, Triangles, Visual, read_visuals
 
 FACES = 5000  # of the meshes of a robot
 LEAST = 40  # faces that a mesh may always have

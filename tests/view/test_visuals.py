@@ -15,8 +15,7 @@ from featherstone_gait import Ground, RobotFileWarning, forward_kinematics, load
 from featherstone_gait.cli import main
 from featherstone_gait.geometry.mesh import mesh_parts, mesh_triangles
 from featherstone_gait.model.shapes import Box, Sphere
-from featherstone_gait.robot_file.mjcf.visuals import Triangles
-from featherstone_gait.robot_file.visuals import read_visuals
+from featherstone_gait.robot_file.visuals import Triangles, read_visuals
 from featherstone_gait.view.visuals import bodies, creased, fans, pieces
 
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -45,9 +44,7 @@ def in_world(model, q):
 
 
 @pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning")
-@pytest.mark.parametrize(
-    "file", ["talos_data/robots/talos_reduced.urdf", "so_arm_description/urdf/so101.urdf"]
-)
+@pytest.mark.parametrize("file", ["talos_data/robots/talos_reduced.urdf", "so_arm_description/urdf/so101.urdf"])
 def test_visuals_of_published_robots_are_where_pinocchio_puts_them(file):
     pinocchio = pytest.importorskip("pinocchio")
     path = published.folder("example-robot-data") / file

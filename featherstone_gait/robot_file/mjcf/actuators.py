@@ -21,7 +21,6 @@ Source: MuJoCo's XML reference and technical note on its dcmotor.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -29,9 +28,8 @@ import numpy as np
 
 from ...base.flaws import quoted
 from ...model import TORQUE_LAWS, Controller, Gearbox, Joint, Servo
-from .equalities import couplings, held_joints
+from .equalities import couplings, held_joints, joints_of
 from .names import actuator_count
-from .tendons import joints_of
 from .tree import Tree
 
 JOINT_TRANSMISSIONS, TENDON = (0, 1), 3  # mjTRN_JOINT, mjTRN_JOINTINPARENT, mjTRN_TENDON
@@ -94,7 +92,10 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
             left.setdefault("ignored actuators that are not on one joint", []).append(m.actuator(k).name or str(k))
             continue
         row = _row(m, k, gear)
-        by_name[name] = _burdened(by_name[name], row)
+        if row.kind[0] != DC_DYNAMICS or row.off:  # armature and damping of a dcmotor belong to its servo
+            before, g2 = by_name[name], row.gear * row.gear
+            damping, armature = before.damping + g2 * row.damping, before.armature + g2 * row.armature
+            by_name[name] = replace(before, armature=armature, damping=damping)
         servo, effort, reasons = _read(row, float(m.opt.timestep))
         if effort is not None:
             efforts[name] = efforts.get(name, 0.0) + effort
@@ -105,7 +106,14 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
     for name, effort in efforts.items():
         by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
     doubts = [f"{reason}: {quoted(names)}" for reason, names in left.items()]
-    return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, _mixed(servos))
+    torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
+    remarks = []
+    if len(torques) not in (0, len(servos)):
+        remarks.append(
+            f"servos of joints {quoted(torques)} have a torque law, the others are sampled; compile_scene takes one "
+            "kind: give all joints one kind of law, or servos=None"
+        )
+    return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, remarks)
 
 
 def _turned(m: Any, k: int) -> tuple[int, float]:
@@ -128,22 +136,16 @@ def _turned(m: Any, k: int) -> tuple[int, float]:
     return (-1, 0.0) if others else (joint, gear * c)
 
 
-def _mixed(servos: dict[str, Servo]) -> list[str]:
-    """Remark on servos of both kinds, which a scene refuses."""
-    torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
-    if len(torques) in (0, len(servos)):
-        return []
-    return [
-        f"servos of joints {quoted(torques)} have a torque law, the others are sampled; compile_scene takes one kind: "
-        "give all joints one kind of law, or servos=None"
-    ]
-
-
 def _row(m: Any, k: int, gear: float) -> _Row:
     control = int(m.actuator_ctrladr[k]) if hasattr(m, "actuator_ctrladr") else k
     limited = 0 <= control < m.nu and m.actuator_ctrllimited[control] and not m.opt.disableflags & NO_CLAMP
     controls = m.actuator_ctrlrange[control] if limited else (-math.inf, math.inf)
     forces = m.actuator_forcerange[k] if m.actuator_forcelimited[k] else (-math.inf, math.inf)
+    group = int(m.actuator_group[k])
+    more = {  # which only newer versions of MuJoCo have
+        "ignored the nonlinear damping of actuators": np.any(getattr(m, "actuator_dampingpoly", np.zeros(k + 1))[k]),
+        "ignored the delay of actuators, which act without delay": getattr(m, "actuator_delay", np.zeros(k + 1))[k],
+    }
     return _Row(
         name=m.actuator(k).name or str(k),
         gear=gear,
@@ -157,31 +159,9 @@ def _row(m: Any, k: int, gear: float) -> _Row:
         armature=float(m.actuator_armature[k]) if hasattr(m, "actuator_armature") else 0.0,
         damping=float(m.actuator_damping[k]) if hasattr(m, "actuator_damping") else 0.0,
         inputs=int(m.actuator_ctrlspec[k]) if hasattr(m, "actuator_ctrlspec") else 0,
-        off=_is_off(m, k),
-        more=tuple(_more(m, k)),
+        off=bool(m.opt.disableflags & NO_ACTUATION or (0 <= group < 31 and m.opt.disableactuator >> group & 1)),
+        more=tuple(what for what, holds in more.items() if holds),
     )
-
-
-def _is_off(m: Any, k: int) -> bool:
-    """Return whether a <flag> switches off all actuators, or actuatorgroupdisable this one's group."""
-    group = int(m.actuator_group[k])
-    return bool(m.opt.disableflags & NO_ACTUATION or (0 <= group < 31 and m.opt.disableactuator >> group & 1))
-
-
-def _more(m: Any, k: int) -> Iterator[str]:
-    """Yield what only newer versions of MuJoCo have."""
-    if np.any(getattr(m, "actuator_dampingpoly", np.zeros(k + 1))[k]):
-        yield "ignored the nonlinear damping of actuators"
-    if getattr(m, "actuator_delay", np.zeros(k + 1))[k]:
-        yield "ignored the delay of actuators, which act without delay"
-
-
-def _burdened(joint: Joint, row: _Row) -> Joint:
-    """Return the joint with armature and damping of an actuator; those of a dcmotor belong to its servo."""
-    if row.kind[0] == DC_DYNAMICS and not row.off:
-        return joint
-    g2 = row.gear * row.gear
-    return replace(joint, armature=joint.armature + g2 * row.armature, damping=joint.damping + g2 * row.damping)
 
 
 def _read(row: _Row, timestep: float) -> _Read:
@@ -227,7 +207,8 @@ def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
     g, (R, K), (kp, ki, kd, most) = abs(row.gear), row.gain[:2], row.gain[4:8]
     if not (g > 0 and R > 0 and K > 0):
         return None, ["without gear, resistance or motor constant"]
-    reasons = ["whose cogging, friction (lugre), heat, slewmax or Imax is left out"] * _has_more(row)
+    more = any([*row.dyn[2:9], *row.bias[:6], *row.gain[2:4]])
+    reasons = ["whose cogging, friction (lugre), heat, slewmax or Imax is left out"] * more
     gains = {"Kp": R / K * kp * g, "Ki": R / K * ki * g, "Kd": max(0.0, (R / K * kd - K) * g)}
     if not row.inputs & POSITION_INPUT:
         gains, reasons = {}, [*reasons, "that take no position: their gains are zero here, give them a controller"]
@@ -245,8 +226,3 @@ def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
         viscous_friction=g * g * row.damping,
     )
     return servo, reasons
-
-
-def _has_more(row: _Row) -> bool:
-    """Return whether a dcmotor has cogging, LuGre friction, a temperature, or limits of its setpoint or integral."""
-    return any([*row.dyn[2:9], *row.bias[:6], *row.gain[2:4]])

@@ -9,7 +9,6 @@ import numpy as np
 
 from ...base.flaws import quoted
 from . import equalities
-from .tendons import effects, nonzero
 from .tree import BALL, FREE, Tree, moving_trees
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -18,19 +17,12 @@ NO_CONSTRAINTS, NO_FRICTION, NO_LIMITS = 1 << 0, 1 << 2, 1 << 3
 NO_SPRINGS, NO_DAMPERS, NO_GRAVITY = 1 << 5, 1 << 6, 1 << 7
 
 
-def refusals(m: Any, names: Tree) -> list[str]:
-    """Return why a compiled file cannot be a Model, all reasons at once."""
-    taken = [names.holds(m, b) for b in range(m.nbody)]
-    return [*_joints(m, names), *equalities.refusals(m, names.joint_names, taken), *_others(m)]
-
-
-def _joints(m: Any, names: Tree) -> Iterator[str]:
+def refusals(m: Any, names: Tree) -> Iterator[str]:
+    """Yield why a compiled file cannot be a Model, all reasons at once."""
     balls = [names.joint_names[j] for j in range(m.njnt) if m.jnt_type[j] == BALL and names.holds(m, m.jnt_bodyid[j])]
     if balls:
         yield f"ball joints {quoted(balls)} are not supported; replace each by three hinges"
-
-
-def _others(m: Any) -> Iterator[str]:
+    yield from equalities.refusals(m, names.joint_names, [names.holds(m, b) for b in range(m.nbody)])
     if m.nflex:
         yield f"{m.nflex} flexible bodies <flex>; only rigid ones are simulated: remove them"
     if (m.body_plugin >= 0).any() or (m.actuator_plugin >= 0).any():
@@ -40,15 +32,17 @@ def _others(m: Any) -> Iterator[str]:
 def doubts(m: Any, tree: Tree) -> Iterator[str]:
     """Yield what changes the motion in MuJoCo and is ignored here."""
     if tree.left:
+        kept = [tree.root] if tree.root else [b for b in moving_trees(m) if b not in tree.left]
         yield (
             f"left out bodies {quoted([tree.bodies[b] for b in tree.left])} with all that they carry: a Model has one "
-            f"floating base at most, and of several trees the one with most joints is taken, here {_taken(m, tree)}"
+            "floating base at most, and of several trees the one with most joints is taken, here "
+            f"{quoted([tree.bodies[b] for b in kept])}"
         )
     drawn = [equalities.title(m, k) for k in equalities.active(m) if equalities.follows_mocap(m, k)]
     if drawn:
         yield f"ignored equalities {', '.join(drawn)}, which attach a body to a mocap body: not supported"
-    yield from effects(m)
-    springs = [tree.joint_names[j] for j in range(m.njnt) if nonzero(m, "jnt", "stiffness", j)]
+    yield from _tendons(m)
+    springs = [tree.joint_names[j] for j in range(m.njnt) if _nonzero(m, "jnt", "stiffness", j)]
     if springs and not m.opt.disableflags & NO_SPRINGS:
         yield f"ignored the springs (stiffness) of joints {quoted(springs)}: not supported"
     poly = getattr(m, "dof_dampingpoly", np.zeros(m.nv))  # not of older versions
@@ -63,13 +57,6 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     if m.opt.density or m.opt.viscosity:
         yield f"ignored a fluid (density {m.opt.density:g}, viscosity {m.opt.viscosity:g}): not supported"
     yield from _gravity(m, tree)
-
-
-def _taken(m: Any, tree: Tree) -> str:
-    """Describe what is not left out."""
-    if tree.root:
-        return repr(tree.bodies[tree.root])
-    return quoted([tree.bodies[b] for b in moving_trees(m) if b not in tree.left])
 
 
 def _switched_off(m: Any) -> Iterator[str]:
@@ -125,3 +112,20 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
     off = m.neq - len(equalities.active(m))
     if off:
         yield f"skipped {off} equalities that are not active"
+
+
+def _tendons(m: Any) -> Iterator[str]:
+    """Yield one sentence for each effect of tendons that is ignored."""
+    acting: dict[str, list[str]] = {}
+    for t in range(m.ntendon):
+        acts = [what for what in ("stiffness", "damping", "frictionloss", "armature") if _nonzero(m, "tendon", what, t)]
+        for what in [*acts, *["limit"] * bool(m.tendon_limited[t])]:
+            acting.setdefault(what, []).append(m.tendon(t).name or str(t))
+    for what, names in acting.items():
+        yield f"ignored the {what} of tendons {quoted(names)}: tendons are not supported"
+
+
+def _nonzero(m: Any, kind: str, what: str, k: int) -> bool:
+    """Return whether a number of an element, or of the powers that MuJoCo 4 adds to it, is not zero."""
+    powers = getattr(m, f"{kind}_{what}poly", None)
+    return bool(np.any(getattr(m, f"{kind}_{what}")[k]) or (powers is not None and np.any(powers[k])))

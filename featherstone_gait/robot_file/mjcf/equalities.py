@@ -2,6 +2,7 @@
 
 An equality of joints or of fixed tendons, whose lengths are sums c q of joints, says sum c (q - q0) = a, q0 of the
 posture in which the file is compiled.  Over two joints it is a coupling, over one it holds the joint.
+Spatial tendons, which run through sites and around geoms, are not supported.
 """
 
 from __future__ import annotations
@@ -9,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from .tendons import joints_of
-
 CONNECT, WELD, JOINT, TENDON = range(4)  # mjtEq
 KINDS = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain")
-SITE = 6  # mjtObj
+SITE, WRAPPED_JOINT = 6, 1  # mjtObj, mjtWrap
 NO_CONSTRAINTS, NO_EQUALITIES = 1 << 0, 1 << 1  # mjtDisableBit, of <flag>
 
 
@@ -24,6 +23,14 @@ class Line(NamedTuple):
     leader: int  # -1: none, y is held at y0 + a
     b: float
     offset: float  # of y = b x + offset [rad or m]
+
+
+def joints_of(m: Any, t: int) -> dict[int, float]:
+    """Return the c of a fixed tendon by joint; none for a spatial one."""
+    parts = range(m.tendon_adr[t], m.tendon_adr[t] + m.tendon_num[t])
+    if any(m.wrap_type[w] != WRAPPED_JOINT for w in parts):
+        return {}
+    return {int(m.wrap_objid[w]): float(m.wrap_prm[w]) for w in parts}
 
 
 def active(m: Any) -> list[int]:

@@ -43,9 +43,12 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     shapes, left = read_shapes(m, tree)
     for sentence in (*notes(m, tree), *left, *actuators.remarks, *remarks):
         report.remark(sentence)
-    joints, postures = actuators.joints, _postures(m, tree)
+    joints = actuators.joints
+    postures = {m.key(k).name or f"key{k}": _posture(m, tree, m.key_qpos[k]) for k in range(m.nkey)}
     held = {tree.joint_names[j]: place for j, place in held_joints(m).items() if tree.holds(m, m.jnt_bodyid[j])}
-    return Robot(_name(m, path), tree.links, joints, shapes, tree.base, held, actuators.servos, postures)
+    name = bytes(m.names).split(b"\0", 1)[0].decode("utf-8", "replace")
+    name = path.stem if name in ("", NAMELESS) else name
+    return Robot(name, tree.links, joints, shapes, tree.base, held, actuators.servos, postures)
 
 
 def compiled(path: Path) -> tuple[Any, list[str]]:
@@ -79,18 +82,6 @@ def heard(mujoco: Any, remarks: list[object]) -> Iterator[None]:
 
 def _line(message: object) -> str:
     return " ".join(str(message).split()).removeprefix("Error: ").removeprefix("XML Error: ")
-
-
-def _name(m: Any, path: Path) -> str:
-    """Return the robot's name in the file, else the name of the file."""
-    name = bytes(m.names).split(b"\0", 1)[0].decode("utf-8", "replace")
-    return path.stem if name in ("", NAMELESS) else name
-
-
-def _postures(m: Any, tree: Tree) -> dict[str, Posture]:
-    """Return the keyframes, by name."""
-    names = [m.key(k).name or f"key{k}" for k in range(m.nkey)]
-    return {name: _posture(m, tree, q) for name, q in zip(names, np.asarray(m.key_qpos))}
 
 
 def _posture(m: Any, tree: Tree, q: np.ndarray) -> Posture:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -100,7 +101,4 @@ def _counts(element: Element, name: str) -> list[int]:
 
 
 def _product(counts: list[int]) -> int:
-    product = 1
-    for count in counts:
-        product = min(product * count, 10**30)
-    return product
+    return reduce(lambda product, count: min(product * count, 10**30), counts, 1)

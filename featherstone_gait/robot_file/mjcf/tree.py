@@ -53,7 +53,9 @@ def read_tree(m: Any, base: Base | None, mimics: dict[int, Line]) -> Tree:
             chain = _chain(m, b, bodies, names, [joint.name for joint in joints])
             links += [*(Link(joint.child, **MASSLESS) for joint in chain[:-1]), _link(m, b, bodies[b])]
             joints += chain
-    return tree._replace(links=tuple(links), joints=tuple(_coupled(joints, names, mimics)))
+    follow = {names[j]: Mimic(names[line.leader], line.b, line.offset) for j, line in mimics.items()}
+    joints = [replace(joint, mimic=follow[joint.name]) if joint.name in follow else joint for joint in joints]
+    return tree._replace(links=tuple(links), joints=tuple(joints))
 
 
 def moving_trees(m: Any) -> list[int]:
@@ -168,12 +170,6 @@ def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E:
         friction=float(m.dof_frictionloss[dof]),
         armature=float(m.dof_armature[dof]),
     )
-
-
-def _coupled(joints: list[Joint], names: list[str], mimics: dict[int, Line]) -> list[Joint]:
-    """Return the joints with their couplings."""
-    follow = {names[j]: Mimic(names[line.leader], line.b, line.offset) for j, line in mimics.items()}
-    return [replace(joint, mimic=follow[joint.name]) if joint.name in follow else joint for joint in joints]
 
 
 def vector(values: np.ndarray) -> tuple[float, float, float]:

@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 from xml.etree.ElementTree import Element
 
+from ..markup import MAX_NUMBER
+
 MAX_LENGTH = 200  # of an expression
-MAX_NUMBER = 1e30
 
 _FUNCTIONS: dict[str, Callable[..., float]] = {
     **{name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "atan", "exp")},
@@ -38,23 +39,21 @@ def value_of(text: str, constants: Mapping[str, float], what: str) -> float:
             raise ValueError(f"longer than {MAX_LENGTH} characters")
         value = float(_value(ast.parse(text.strip(), mode="eval").body, constants))
     except (ValueError, ArithmeticError, TypeError, SyntaxError, RecursionError, MemoryError) as error:
-        raise ValueError(
-            f"{what} is {text[:40]!r}: {_reason(error)}; write a number such as 0.12, or an expression"
-        ) from error
+        reason = error.args[0] if error.args else type(error).__name__
+        raise ValueError(f"{what} is {text[:40]!r}: {reason}; write a number such as 0.12, or an expression") from error
     if not abs(value) <= MAX_NUMBER:
         raise ValueError(f"{what} is {text[:40]!r} = {value!r}; expected a number up to {MAX_NUMBER:g}: correct it")
     return value
-
-
-def _reason(error: Exception) -> str:
-    return str(error.args[0]) if error.args else type(error).__name__
 
 
 def _value(node: ast.AST, constants: Mapping[str, float]) -> float:
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         return float(node.value)
     if isinstance(node, ast.Name):
-        return _constant(node.id, constants)
+        known = {"pi": math.pi} if node.id == "pi" else constants
+        if node.id not in known:
+            raise ValueError(f"there is no constant {node.id!r}")
+        return known[node.id]
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         return _OPERATORS[type(node.op)](_value(node.left, constants), _value(node.right, constants))
     if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
@@ -62,14 +61,6 @@ def _value(node: ast.AST, constants: Mapping[str, float]) -> float:
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS:
         return _FUNCTIONS[node.func.id](*(_value(argument, constants) for argument in node.args))
     raise ValueError("not an expression of numbers, constants, + - * / ^ and functions")
-
-
-def _constant(name: str, constants: Mapping[str, float]) -> float:
-    if name == "pi":
-        return math.pi
-    if name not in constants:
-        raise ValueError(f"there is no constant {name!r}")
-    return constants[name]
 
 
 def constants_of(root: Element, given: Mapping[str, float]) -> dict[str, float]:

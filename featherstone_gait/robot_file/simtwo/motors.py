@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 from xml.etree.ElementTree import Element
 
 from ...model import Controller, Gearbox, Servo
 from .expression import Numbers
+
+Parts: TypeAlias = Mapping[str, dict[str, str]]  # attributes of a motor and its parts
 
 LAWS = {"state": "state", "pidposition": "pid_position", "pidspeed": "pid_speed"}
 SPEED_FILTER = -1e-3 / math.log(0.95)  # [s] 0.95 of the old speed a step of 1 ms
@@ -21,7 +23,7 @@ CURRENT_SLEW = 150.0  # [A/s] 0.15 A a step of 1 ms
 PARTS = ("motor", "rotor", "gear", "friction", "spring", "controller")
 
 
-def parts_of(element: Element, suffix: str, inherited: Mapping[str, dict[str, str]]) -> dict[str, dict[str, str]]:
+def parts_of(element: Element, suffix: str, inherited: Parts) -> Parts:
     """Return attributes of a motor and its parts, over those inherited from <default>."""
     parts = {name: dict(inherited.get(name, {})) for name in PARTS}
     for child in element:
@@ -31,7 +33,7 @@ def parts_of(element: Element, suffix: str, inherited: Mapping[str, dict[str, st
     return parts
 
 
-def servo_of(parts: Mapping[str, dict[str, str]], numbers: Numbers, what: str) -> Servo | None:
+def servo_of(parts: Parts, numbers: Numbers, what: str) -> Servo | None:
     """Return the servo of an axis; None if the motor is switched off."""
     read = _Reader(parts, numbers, what)
     if not read("motor", "active", 1.0):
@@ -55,7 +57,7 @@ def servo_of(parts: Mapping[str, dict[str, str]], numbers: Numbers, what: str) -
 class _Reader:
     """Read attributes of the parts as numbers."""
 
-    def __init__(self, parts: Mapping[str, dict[str, str]], numbers: Numbers, what: str) -> None:
+    def __init__(self, parts: Parts, numbers: Numbers, what: str) -> None:
         self.parts, self.numbers, self.what = parts, numbers, what
 
     def __call__(self, part: str, name: str, default: float) -> float:
