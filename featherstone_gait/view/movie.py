@@ -15,13 +15,13 @@ from ..dynamics import forward_kinematics
 from ..model import Model
 from ..run.trajectory import Trajectory, positions
 from .shown import Robot, robot_of
-from .visuals import Body, bodies, round_up
+from .visuals import bodies, round_up
 
 MOST_FRAMES = 3000
 DOTS = 100  # per inch
-YAW, PITCH, FAR = -1.1, 0.3, 2.4  # [rad], [rad], distance of the eye by the width that is seen; as in page.js
+EYE = 17.0, -63.0  # elevation and azimuth [deg], as in page.js
+FOCAL, ZOOM = 0.45, 1.65  # distance of the eye and size of the picture, as Matplotlib measures them
 SKY, GROUND, SQUARE, BAD = "#e6eef6", "#f1f0eb", "#dedcd3", "#a3160f"
-LIGHT = np.array([0.29, -0.42, 0.86])
 
 
 def save_movie(
@@ -106,83 +106,54 @@ def _drawn(
     figure: Any, trajectory: Trajectory, model: Model, q: np.ndarray, times: np.ndarray, floor: float | None
 ) -> Iterator[None]:
     """Draw one frame after another into the figure; yield after each."""
-    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import LightSource
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     found, _ = bodies(model)
     rows = {link.name: k for k, link in enumerate(model.links)}
-    poses = forward_kinematics(model, q)
-    places = [rows[body.link] for body in found]
-    first = _points(found, poses.rotation[0, places], poses.position[0, places])
-    low, high = first.min(axis=0), first.max(axis=0)
+    poses, places = forward_kinematics(model, q), [rows[body.link] for body in found]
+
+    def corners(k: int) -> list[np.ndarray]:
+        return [body.points @ poses.rotation[k, row].T + poses.position[k, row] for body, row in zip(found, places)]
+
+    low, high = (end(np.concatenate(corners(0)), axis=0) for end in (np.min, np.max))
     spread = np.ptp(poses.position[:, places], axis=1).max(axis=0)
-    span = 1.6 * max(float(high[2] - low[2]), float(spread[:2].max()), float(spread[2]), 1e-3)
-    root = rows[model.root]
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    half = 0.8 * max(float(high[2] - low[2]), float(spread.max()), 1e-3)
+    colors = [np.array([*color, 255.0]) / 255.0 for body in found for color in body.colors]
+    smooth = [body.smooth for body in found for _ in body.colors]
+    edges = [color if soft else (0.0, 0.0, 0.0, 0.4) for color, soft in zip(colors, smooth)]
+    figure.set_facecolor(GROUND if floor is not None else SKY)
+    light, wide = LightSource(145.0, 59.0), np.divide(*figure.get_size_inches())
+    square = (0.0, 0.5 - 0.5 * wide, 1.0, wide)
+    axes = figure.add_axes(square, projection="3d", computed_zorder=False, facecolor="none")
     for k, time in enumerate(times):
         axes.clear()
         axes.set_axis_off()
-        away = poses.position[k, root] - poses.position[0, root]
-        camera = _Camera(0.5 * (low + high) + [away[0], away[1], 0.0], span)
-        x, y = figure.get_size_inches()
-        reach = 0.5 * span * max(1.0, 0.8 * x / y)
-        axes.set(xlim=(-reach, reach), ylim=(-reach * y / x, reach * y / x), facecolor=SKY)
-        figure.set_facecolor(GROUND if floor is not None else SKY)
+        axes.view_init(*EYE)
+        axes.set_proj_type("persp", focal_length=FOCAL)
+        away = poses.position[k, rows[model.root]] - poses.position[0, rows[model.root]]
+        x, y, z = 0.5 * (low + high) + [away[0], away[1], 0.0]
+        axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), zlim=(z - half, z + half))
+        axes.set_box_aspect((1.0, 1.0, 1.0), zoom=ZOOM / max(1.0, 0.8 * wide))
         if floor is not None:
-            axes.add_collection(PolyCollection(list(camera.squares(floor)), facecolor=SQUARE, linewidth=0))
-        polygons, colors, smooth = camera.faces(found, poses.rotation[k, places], poses.position[k, places])
-        edges = [color if soft else (0.0, 0.0, 0.0, 0.4) for color, soft in zip(colors, smooth)]
-        axes.add_collection(PolyCollection(polygons, facecolor=colors, edgecolor=edges, linewidth=0.5))
+            axes.add_collection3d(Poly3DCollection(_squares(x, y, floor, half), facecolor=SQUARE, zorder=0))
+        faces = [points[list(face)] for body, points in zip(found, corners(k)) for face in body.faces]
+        looks = {"facecolors": colors, "edgecolors": edges, "linewidths": 0.5, "shade": True, "lightsource": light}
+        axes.add_collection3d(Poly3DCollection(faces, **looks, zorder=1))
         ended = trajectory.failed and bool(time >= trajectory.end_time - 1e-9)
         marked = ended or not (trajectory.failed or trajectory.ok)
         label = f"{time:.2f} s" + f": {trajectory.status}" * marked
-        axes.text(0.02, 0.95, label, transform=axes.transAxes, color=BAD if ended else "0.15", va="top", fontsize=11)
+        color = BAD if ended else "0.15"
+        axes.text2D(0.02, 0.95, label, transform=figure.transFigure, color=color, va="top", fontsize=11)
         yield
 
 
-def _points(found: list[Body], rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Compute all corners (n, 3) of the bodies in world axes [m]."""
-    return np.concatenate([body.points @ R.T + p for body, R, p in zip(found, rotation, position)])
-
-
-class _Camera:
-    """Project points in perspective, as page.js does: toward `center`, from YAW and PITCH."""
-
-    def __init__(self, center: np.ndarray, span: float) -> None:
-        c, s, cp, sp = math.cos(YAW), math.sin(YAW), math.cos(PITCH), math.sin(PITCH)
-        self.axes = np.array([[-s, c, 0.0], [-sp * c, -sp * s, cp], [cp * c, cp * s, sp]])  # right, up, back
-        self.span, self.distance, self.center = span, FAR * span, center
-        self.eye = center + self.distance * self.axes[2]
-
-    def see(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points to right and up (..., 2) [m, at the distance of the center], and depth (...) [m]."""
-        seen = (points - self.eye) @ self.axes.T
-        depth = -seen[..., 2]
-        return seen[..., :2] * (self.distance / np.maximum(depth, 0.05 * self.distance))[..., None], depth
-
-    def squares(self, height: float) -> np.ndarray:
-        """Project every other square of the ground (n, 4, 2)."""
-        edge = round_up(self.span / 14.0)
-        n = math.ceil(2.0 * self.span / edge)
-        i, j = np.meshgrid(*(np.arange(-n, n) + round(x / edge) for x in self.center[:2]), indexing="ij")
-        pick = (i + j) % 2 == 1
-        around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-        corner = edge * (np.stack([i[pick], j[pick]], axis=-1)[:, None] + around)
-        quads, depth = self.see(np.concatenate([corner, np.full((*corner.shape[:2], 1), height)], axis=2))
-        return quads[(depth > 0.1 * self.distance).all(axis=1)]
-
-    def faces(self, found: list[Body], rotation: np.ndarray, position: np.ndarray) -> tuple[list, list, list]:
-        """Project the faces that look at the eye, from far to near; with colors, and whether they are smooth."""
-        drawn = []
-        for body, R, p in zip(found, rotation, position):
-            world = body.points @ R.T + p
-            seen, depth = self.see(world)
-            for face, color in zip(body.faces, body.colors):
-                corner = world[list(face)]
-                normal = np.cross(corner[1] - corner[0], corner[2] - corner[0])
-                length = float(np.sqrt(normal @ normal))
-                if length > 0.0 and normal @ (self.eye - corner[0]) > 0.0:
-                    light = 0.42 + 0.31 * (1.0 + float(normal @ LIGHT) / length)
-                    shade = tuple(min(1.0, light * x / 255.0) for x in color)
-                    drawn.append((float(depth[list(face)].mean()), seen[list(face)], shade, body.smooth))
-        drawn.sort(key=lambda item: -item[0])
-        return [d[1] for d in drawn], [d[2] for d in drawn], [d[3] for d in drawn]
+def _squares(x: float, y: float, height: float, half: float) -> np.ndarray:
+    """Cover the ground around a place with every other square (n, 4, 3) of a board."""
+    edge = round_up(half / 7.0)
+    n = math.ceil(4.0 * half / edge)
+    i, j = np.meshgrid(*(np.arange(-n, n) + round(x / edge) for x in (x, y)), indexing="ij")
+    pick = ((i + j) % 2 == 1) & (np.hypot(edge * i - x, edge * j - y) < 4.0 * half)  # before the eye
+    around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    corner = edge * (np.stack([i[pick], j[pick]], axis=-1)[:, None] + around)
+    return np.concatenate([corner, np.full((*corner.shape[:2], 1), height)], axis=2)
