@@ -9,11 +9,12 @@ import numpy as np
 
 from ..base import deprecated
 from ..base.arguments import instance, listed, shown, whole
-from ..core.step.state import BY_NAME, UNITS
+from ..core.step.state import UNITS
 from ..dynamics import check_model, forward_kinematics
 from ..model import Model
 from ..run.trajectory import Trajectory
 from ..run.trajectory import positions as positions
+from .recorded import columns_of
 from .style import BAD, COLOURS, label_ends, look
 from .visuals import SIDES_OF, side_of
 
@@ -103,7 +104,9 @@ def _rows(trajectory: Trajectory, tables: list[_Table]) -> Figure:
             place = grid[row, :] if len(groups) == 1 else grid[row, column]
             panel = figure.add_subplot(place, sharex=first, sharey=left)
             first, left = first or panel, left or panel
-            _draw(panel, trajectory, table, styles if len(groups) == 1 else _solid(styles), group, side)
+            if len(groups) > 1:
+                styles = [(color, "-" if stroke == "--" else stroke) for color, stroke in styles]
+            _draw(panel, trajectory, table, styles, group, side)
             if side:
                 panel.set_title(side)
             if column == 0:
@@ -117,14 +120,9 @@ def _rows(trajectory: Trajectory, tables: list[_Table]) -> Figure:
 
 def _table(trajectory: Trajectory, name: str) -> _Table:
     """Convert a channel to lines; forces and energies with several numbers are summed over joints or contact points."""
-    channel, values, labels = BY_NAME.get(name), trajectory[name], trajectory.info.get("joints")
-    if values.ndim == 3 and channel is not None and channel.unit in ("J", "N"):
-        values, labels = values.sum(axis=1), channel.labels
-    values = values.reshape(len(values), -1)
-    if labels is None or len(labels) != values.shape[1]:
-        own = channel.labels if channel is not None and len(channel.labels) == values.shape[1] else None
-        labels = own or [str(k) for k in range(values.shape[1])]
-    return _Table(f"{name} [{UNITS[name]}]" if name in UNITS else name, list(labels), values)
+    summed = UNITS.get(name) in ("J", "N")
+    axis = f"{name} [{UNITS[name]}]" if name in UNITS else name
+    return _Table(axis, *columns_of(name, trajectory[name], trajectory.info.get("joints", ()), summed))
 
 
 def _sides(labels: list[str]) -> list[tuple[str, list[int]]]:
@@ -148,16 +146,11 @@ def _styles(labels: list[str]) -> list[tuple[str, str]]:
     ]  # fmt: skip
 
 
-def _solid(styles: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    return [(color, "-" if stroke == "--" else stroke) for color, stroke in styles]
-
-
 def _partner(label: str) -> str:
     """Remove the side from a name, so that left and right partners have the same."""
     side = side_of(label)
-    words = [word for word in label.lower().replace("-", "_").split("_") if side]
-    kept = [word for word in words if word != side and word not in SIDES_OF[side]]
-    return "_".join(kept) if side else label
+    words = label.lower().replace("-", "_").split("_")
+    return "_".join(word for word in words if word not in {side, *SIDES_OF[side]}) if side else label
 
 
 def _draw(
@@ -165,8 +158,7 @@ def _draw(
     side: str = "",
 ) -> None:  # fmt: skip
     """Draw some lines of a table, up to where the run failed, with labels at their ends."""
-    failed = trajectory.failed
-    time = trajectory["time"]
+    failed, time = trajectory.failed, trajectory["time"]
     last = max(1, int(np.searchsorted(time, trajectory.end_time + 1e-9, side="right"))) if failed else len(time)
     ends = []
     for k in lines:
@@ -180,20 +172,15 @@ def _draw(
     axes.set_xlim(float(time[0]), float(time[-1]) if len(time) > 1 else None)
     if len(table.labels) > 1:
         label_ends(axes, ends, trajectory.end_time if failed else None)
-    if failed or trajectory.status != "ok":
-        _mark_status(axes, trajectory, failed)
-
-
-def _mark_status(axes: Axes, trajectory: Trajectory, failed: bool) -> None:
-    """Mark how a run ended that is not "ok"."""
-    text = str(trajectory.status)
     if failed:
         axes.axvline(trajectory.end_time, color=BAD, linestyle=":", linewidth=1.2)
-        text = f"{trajectory.status} at {trajectory.end_time:.3g} s"
-    axes.annotate(
-        text, (1.0, 1.0), xycoords="axes fraction", xytext=(-3, -3), textcoords="offset points", color=BAD, fontsize=8,
-        ha="right", va="top", fontweight="bold", bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
-    )  # fmt: skip
+    if failed or trajectory.status != "ok":
+        text = trajectory.status + f" at {trajectory.end_time:.3g} s" * failed
+        axes.annotate(
+            text, (1.0, 1.0), xycoords="axes fraction", xytext=(-3, -3), textcoords="offset points", color=BAD,
+            fontsize=8, ha="right", va="top", fontweight="bold",
+            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
+        )  # fmt: skip
 
 
 def _check_axes(panels: Iterable[Any]) -> None:

@@ -363,22 +363,23 @@ def channels_of(model: Model, run: Trajectory, last: int, most: int = PLOTTED) -
 
 def _column_table(model: Model, run: Trajectory, name: str, values: np.ndarray) -> tuple[str, list[str], np.ndarray]:
     """Find unit, labels and (samples, columns) of a channel; energies are summed over joints, forces over links."""
-    channel = BY_NAME.get(name)
-    unit = UNITS.get(name, "")
+    channel, unit = BY_NAME.get(name), UNITS.get(name, "")
     if name == "contact_force" and values.ndim == 3 and values.shape[1] == len(model.contacts):
         links = [point.link for point in model.contacts]
         normal = values[..., column_of(name, "normal")]
         table = {f"{link}": normal[:, [x == link for x in links]].sum(axis=1) for link in dict.fromkeys(links)}
         return f"{unit}, normal", list(table), np.stack(list(table.values()), axis=1)
-    if values.ndim == 3 and channel is not None and channel.unit == "J":
-        return unit, list(channel.labels), values.sum(axis=1)
-    flat = values.reshape(len(values), -1)
-    names = list(run.info.get("joints", model.joint_names))
-    if len(names) == flat.shape[1] and (channel is None or channel.of in ("joint", "servo", "rotor")):
-        return unit, names, flat
-    if channel is not None and len(channel.labels) == flat.shape[1]:
-        return unit, list(channel.labels), flat
-    return unit, [str(k) for k in range(flat.shape[1])], flat
+    summed = channel is not None and channel.unit == "J"
+    return unit, *columns_of(name, values, run.info.get("joints", model.joint_names), summed)
+
+
+def columns_of(name: str, values: np.ndarray, joints: Sequence[str], summed: bool) -> tuple[list[str], np.ndarray]:
+    """Flatten a channel to labels and columns (samples, n); summed: of all joints or points together."""
+    channel, several = BY_NAME.get(name), not (summed and values.ndim == 3)
+    flat = values.reshape(len(values), -1) if several else values.sum(axis=1)
+    named = joints if several and (channel is None or channel.of in ("joint", "servo", "rotor")) else ()
+    choices = (named, channel.labels if channel is not None else (), [str(k) for k in range(flat.shape[1])])
+    return next(list(labels) for labels in choices if len(labels) == flat.shape[1]), flat
 
 
 def _power(run: Trajectory, last: int) -> tuple[str, list[str], np.ndarray]:
