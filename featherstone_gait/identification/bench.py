@@ -387,15 +387,14 @@ def fit_servo(
     spread = np.sqrt(np.diag(known))
     reach = spread * quantile(CONFIDENCE, independent - len(x)) * work.width
     values = work.values(x)
+    ends = ((n, values[n] - r, values[n] + r) for n, r in zip(names, reach))
     return ServoFit(
         bench=bench,
         friction=friction,
         values=values,
         start={name: every[name].start for name in names},
         held=held,
-        intervals={
-            n: (max(values[n] - r, every[n].low), min(values[n] + r, every[n].high)) for n, r in zip(names, reach)
-        },
+        intervals={name: (max(low, every[name].low), min(high, every[name].high)) for name, low, high in ends},
         units={name: every[name].unit for name in names},
         confidence=CONFIDENCE,
         correlation=known / np.outer(spread, spread),

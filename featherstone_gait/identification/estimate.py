@@ -210,7 +210,6 @@ def plot_rollouts(recordings: Sequence[Any], angles: Sequence[np.ndarray]) -> Fi
     rows = -(-len(recordings) // columns)
     figure = Figure(figsize=(3.4 * columns, 2.9 * rows), layout="constrained")
     grid = figure.add_gridspec(2 * rows, columns, height_ratios=[2.0, 1.0] * rows)
-    above = below = None
     for k, (r, angle) in enumerate(zip(recordings, angles)):
         row, column = divmod(k, columns)
         above = figure.add_subplot(grid[2 * row, column])
@@ -220,13 +219,12 @@ def plot_rollouts(recordings: Sequence[Any], angles: Sequence[np.ndarray]) -> Fi
         above.plot(r.time, np.degrees(angle), color=ORANGE, linewidth=1.0, label="simulated")
         below.plot(r.time, np.degrees(angle - r.angle), color="0.3", linewidth=0.7)
         above.set_title(f"{r.name}\n{1e3 * np.abs(angle - r.angle).mean():.1f} mrad", fontsize=8)
-        above.tick_params(labelbottom=False, labelsize=7)
-        below.tick_params(labelsize=7)
+        above.tick_params(labelbottom=False)
         if column == 0:
-            above.set_ylabel("angle [deg]", fontsize=8)
-            below.set_ylabel("error [deg]", fontsize=8)
+            above.set_ylabel("angle [deg]")
+            below.set_ylabel("error [deg]")
         if row == rows - 1:
-            below.set_xlabel("time [s]", fontsize=8)
-    if above is not None:
-        figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+            below.set_xlabel("time [s]")
+        if k == 0:
+            figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure

@@ -27,7 +27,7 @@ OFFSET = "reference.offset"
 
 
 class Draw(NamedTuple):
-    """Hold one table of [worlds]."""
+    """A table of [worlds]."""
 
     section: str
     key: str  # of `Worlds`
@@ -41,7 +41,7 @@ class Draw(NamedTuple):
 
     @property
     def numbers(self) -> int:
-        """How many numbers a run draws."""
+        """Number of numbers that a run draws."""
         return math.prod(self.shape)
 
 

@@ -78,7 +78,7 @@ MEASURES = ("cost", "cost_of_transport", "speed", "stride_length", "distance", "
 
 
 class _Task(NamedTuple):
-    """Hold the inputs of a run, and the function that makes its row."""
+    """The inputs of a run, and the function that makes its row."""
 
     scene: CompiledScene
     duration: float  # [s]
@@ -174,11 +174,8 @@ def _scene(setup: Setup, items: tuple) -> CompiledScene:
 def _hold(setup: Setup, scene: CompiledScene, values: dict, offset: np.ndarray | float) -> _Task:
     target = _target(scene)
     state = _resting(scene, target + values.get("posture.tilt", TILT))
-
-    def row(run: Trajectory) -> dict[str, Any]:
-        return _row(setup, run.status, run.message, _held(run, target))
-
     sent = Reference([0.0], (target + offset)[None])
+    row = lambda run: _row(setup, run.status, run.message, _held(run, target))  # noqa: E731
     return _Task(scene, setup.duration, state, sent, ("q", "energy"), None, row)
 
 
@@ -220,18 +217,13 @@ def _variance(values: list[float]) -> float:
 
 def _stable_step(setup: Setup, values: dict) -> dict:
     tilt = values.get("posture.tilt", TILT)
-    given = values | {"servo.period": _period(setup, values)}
+    periods = (servo.controller.period for servo in servos_with(setup.model, values).servos.values())
+    given = values | {"servo.period": max(periods, default=1.0)}  # the longest [s]
     good, bad = largest(lambda h: _comes_to_rest(setup, given, tilt, h), SMALLEST, LARGEST)
     numbers = {"stable_step_s": good, "unstable_step_s": bad}
     if math.isnan(good):
         return _row(setup, "unstable", f"no step from {SMALLEST:g} s on is stable", numbers)
     return _row(setup, "ok", f"stable up to {LARGEST:g} s, the largest step tried" * math.isnan(bad), numbers)
-
-
-def _period(setup: Setup, values: dict) -> float:
-    """Find the longest period of the robot's controllers [s]."""
-    servos = servos_with(setup.model, values).servos.values()
-    return max((servo.controller.period for servo in servos), default=1.0)
 
 
 def _comes_to_rest(setup: Setup, values: dict, tilt: float, h: float) -> bool:

@@ -33,7 +33,7 @@ MAPS = 9  # maps side by side
 
 
 class _Column(NamedTuple):
-    """Hold a varied parameter of all runs, as places on an axis."""
+    """A varied parameter of all runs, as places on an axis."""
 
     label: str
     x: np.ndarray  # (runs,)
@@ -61,7 +61,11 @@ def _figure(study: Study, table: Path) -> Figure:
     y = np.array([float(text) if text else np.nan for text in read[measure]])
     ok = np.array(read["status"]) == "ok"
     columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]
-    columns += [_drawn(draw.name, read[draw.name]) for draw in study.setup.draws]
+    mean = "\nmean of the draws [widths]"
+    columns += [
+        _Column(draw.name + mean, np.array(read[draw.name], dtype=float), None, Axis(None, -1.0, 1.0))
+        for draw in study.setup.draws
+    ]
     columns = [column for column in columns if column.axis.size != 1] or columns[:1]
     shape = [column.axis.size for column in columns]
     several = len(columns) == 3 and study.shares is None and min(shape) <= MAPS
@@ -94,10 +98,6 @@ def _column(name: str, axis: Axis, texts: Sequence[str]) -> _Column:
         return _Column(name if unit == "-" else f"{name} [{unit}]", np.array(texts, dtype=float), None, axis)
     names = tuple(str(value) for value in axis.listed)
     return _Column(name, np.array([names.index(text) for text in texts], dtype=float), names, axis)
-
-
-def _drawn(name: str, texts: Sequence[str]) -> _Column:
-    return _Column(f"{name}\nmean of the draws [widths]", np.array(texts, dtype=float), None, Axis(None, -1.0, 1.0))
 
 
 def _wide(values: np.ndarray) -> bool:
@@ -205,10 +205,9 @@ def _map(
     figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str, grid: bool
 ) -> None:
     """Draw the measure as color over two parameters: cells for a grid, points otherwise."""
-    norm = _norm(y)
-    across, up = columns[1], columns[0]
-    shape = [column.axis.size for column in columns]
+    norm, (up, across) = _norm(y), columns
     if grid:
+        shape = up.axis.size, across.axis.size
         image = _cells(panel, columns, y.reshape(shape), ok.reshape(shape), norm)
     else:
         panel.set_facecolor("0.85")

@@ -180,7 +180,7 @@ def _error(future: Future) -> BaseException | None:
 
 
 class Log:
-    """Hold the finished runs on disk; `places` (runs,) are the offsets of their lines, -1 for missing runs."""
+    """The finished runs on disk; `places` (runs,) are the offsets of their lines, -1 for missing runs."""
 
     def __init__(self, path: Path, study: Study) -> None:
         self.path, self._begun = path, False

@@ -33,7 +33,7 @@ PLOTTED = {"walk": ("cost_J_m", "speed_m_s", "walks")}  # of other experiments t
 
 
 class Index(NamedTuple):
-    """Hold the share of a parameter in the variance of a measure [-]."""
+    """The share of a parameter in the variance of a measure [-]."""
 
     first: float  # alone
     first_error: float

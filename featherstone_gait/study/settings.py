@@ -94,7 +94,7 @@ METHODS = ("grid", "random", "latin_hypercube", "saltelli")
 
 @dataclass(frozen=True)
 class Setup:
-    """Hold what a worker needs; setups are equal if the digests of all inputs of the results are."""
+    """The inputs of a worker; setups are equal if the digests of all inputs of the results are."""
 
     digest: str
     model: Model = field(compare=False)
@@ -109,7 +109,7 @@ class Setup:
 
 
 class Axis(NamedTuple):
-    """Hold the values of a parameter: `values`, or any between `low` and `high`."""
+    """The values of a parameter: `values`, or any between `low` and `high`."""
 
     values: tuple[Any, ...] | None
     low: float = 0.0
@@ -118,7 +118,7 @@ class Axis(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many values the axis lists; 0 for a range."""
+        """Number of values that the axis lists; 0 for a range."""
         return 0 if self.values is None else len(self.values)
 
     @property

@@ -91,8 +91,7 @@ def _compared(report: Report) -> list[Part]:
         ("speed", "speed", "mm/s", 1e3, 0),
     )
     body = [
-        [_cell(name, unit), *(_number(row.get(key), "", scale, digits) for row in rows)]
-        for name, key, unit, scale, digits in measures
+        _row(name, unit, [row.get(key) for row in rows], scale, digits) for name, key, unit, scale, digits in measures
     ]
     finer, own = report["after"]["at_a_quarter_of_the_step"]["cost"], report["after"]["cost"]
     first = report["before"]["at_a_quarter_of_the_step"]["cost"]
@@ -174,7 +173,7 @@ def _currents(report: Report) -> list[Part]:
         ("all servos together, mean", "drawn_mean"),
         ("all servos together, peak", "drawn_peak"),
     )
-    body = [[_cell(name, "A"), *(_number(side[key], digits=2) for side in sides)] for name, key in rows]
+    body = [_row(name, "A", [side[key] for side in sides], digits=2) for name, key in rows]
     where = sides[1]["where"].replace("_", " ")
     text = f"The peak of the gait found is that of the {where} at {sides[1]['time']:.2f} s."
     return [_table(["", "first", "found"], body), _text(f"{text} {report['plausible']['servo']}")]
@@ -182,12 +181,9 @@ def _currents(report: Report) -> list[Part]:
 
 def _standby(report: Report) -> list[Part]:
     standby = report["standby"]
-    rows = [[_cell("motors alone", "the paper's cost"), *(_number(standby[side]["motors"]) for side in SIDES)]]
-    rows += [
-        [_cell(f"+ {name}", f"{watts:.2f} W"), *(_number(standby[side][name]) for side in SIDES)]
-        for name, watts in standby["watts"].items()
-        if watts
-    ]
+    powers = {f"+ {name}": (name, f"{watts:.2f} W") for name, watts in standby["watts"].items() if watts}
+    powers = {"motors alone": ("motors", "the paper's cost")} | powers
+    rows = [_row(text, small, [standby[side][name] for side in SIDES]) for text, (name, small) in powers.items()]
     note = "Assumed: 0.05 A per servo at its supply." if standby["assumed"] else "Powers as given."
     return [_table(["J/m", "first", "found"], rows), _text(f"{note} The search does not include it.", soft=True)]
 
@@ -256,15 +252,10 @@ def _in_mujoco(report: Report) -> list[Part]:
 
 def _search(report: Report, costs: np.ndarray) -> list[Part]:
     chosen = [
-        [
-            f"gait {row['candidate']}",
-            _number(row["searched"]),
-            str(row["kept"]),
-            _number(row["walks"], " %", 100.0, 0),
-            _number(row["cost"] if row["cost"] is not None and math.isfinite(row["cost"]) else None),
-        ]
-        for row in report["search"]["chosen_among"]
-    ]
+        [f"gait {one['candidate']}", _number(one["searched"]), str(one["kept"]), _number(one["walks"], " %", 100.0, 0),
+         _number(one["cost"])]
+        for one in report["search"]["chosen_among"]
+    ]  # fmt: skip
     why = (
         "Gaits of the search, tested again in other worlds. Among those that fail in at most one world, the gait that "
         "meets the most limits is chosen; among equals the one that walks in most worlds, then the cheapest."
@@ -316,8 +307,14 @@ def _cell(text: str, small: str = "", mark: tuple[str, str] | None = None) -> di
     return {"text": text, "small": small, "mark": mark}
 
 
+def _row(text: str, small: str, values: Sequence[float | None], scale: float = 1.0, digits: int = 1) -> list[Any]:
+    return [_cell(text, small), *(_number(value, "", scale, digits) for value in values)]
+
+
 def _number(value: float | None, unit: str = "", scale: float = 1.0, digits: int = 1) -> str:
-    return NONE if value is None else f"{scale * value:.{digits}f}{unit}".replace(" ", "\N{NO-BREAK SPACE}")
+    if value is None or not math.isfinite(value):
+        return NONE
+    return f"{scale * value:.{digits}f}{unit}".replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _spread(values: Sequence[float] | None, scale: float) -> Any:

@@ -240,7 +240,7 @@ class Live:
 
 
 class _Actor:
-    """Draw a run: its robot at any time, contact forces and the center of mass."""
+    """A run in the scene: its robot at any time, contact forces and the center of mass."""
 
     def __init__(self, caption: str, seen: Seen, found: list[Piece]) -> None:
         self.caption, self.model, self.ground, self.found = caption, seen.model, seen.ground, found
@@ -347,7 +347,7 @@ def _opacity(opacity: float) -> float | None:
 
 
 class _Stage:
-    """Draw the ground and place runs on it: side by side along a level line, or all in one place."""
+    """The ground with the runs on it: side by side along a level line, or all in one place."""
 
     def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool) -> None:
         self.actors = actors

@@ -17,7 +17,7 @@ ALL = "all"
 
 
 class Plotted(NamedTuple):
-    """Hold the channels of a run, as of `recorded.channels_of`."""
+    """The channels of a run, as of `recorded.channels_of`."""
 
     caption: str
     status: str

@@ -27,7 +27,7 @@ MANY = 8  # lines in one panel, beyond which joints are drawn side by side, left
 
 
 class _Table(NamedTuple):
-    """Hold a channel as lines."""
+    """A channel as lines."""
 
     axis: str  # name and unit
     labels: list[str]

@@ -35,7 +35,7 @@ HIDDEN = ("time", "velocity_change", "newton_iterations", "worst_chatter")  # ch
 
 @dataclass(frozen=True)
 class Seen:
-    """Hold a run, its robot and its ground.
+    """A run, its robot and its ground.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ def _robot(model: Model, found: list[Body], unit: float) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class FramePoses:
-    """Hold the poses of all links at every frame up to the end of a run."""
+    """The poses of all links at every frame up to the end of a run."""
 
     rows: np.ndarray  # samples of the run that are frames
     last: int  # the last sample before the run failed

@@ -32,7 +32,7 @@ CREASE = math.cos(math.radians(35.0))  # sharper edges of a mesh are seen as suc
 
 
 class Body(NamedTuple):
-    """Hold a link as faces."""
+    """A link as faces."""
 
     link: str
     points: np.ndarray  # (n, 3) [m], link axes
@@ -42,7 +42,7 @@ class Body(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Hold triangles of one color on a link."""
+    """Triangles of one color on a link."""
 
     link: str
     points: np.ndarray  # (n, 3) [m], link axes
@@ -119,7 +119,7 @@ def side_of(name: str) -> str:
 
 
 class _Part(NamedTuple):
-    """Hold a shape as faces, or as a mesh that is still to be simplified."""
+    """A shape as faces, or as a mesh that is still to be simplified."""
 
     points: np.ndarray  # (n, 3) [m]
     faces: list[tuple[int, ...]] | np.ndarray  # an array (m, 3) of a mesh
@@ -129,7 +129,7 @@ class _Part(NamedTuple):
 
 
 class _Facets:
-    """Convert shapes to faces; meshes share a budget by their sizes."""
+    """A converter of shapes to faces, whose meshes share a budget by their sizes."""
 
     def __init__(self, most: int, corners: int) -> None:
         self.most, self.corners, self.size = most, corners, 0.0
