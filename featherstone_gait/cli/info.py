@@ -188,7 +188,8 @@ def _numbers(values: Iterable[float]) -> str:
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Format an empty line, the headings and the rows in aligned columns.
 
-    Columns that do not fit the terminal follow in tables of their own, again behind the first column.
+    Columns that do not fit the terminal follow in tables of their own, again behind the first column; a last cell that
+    is too long goes on in further lines.
     """
     room = shutil.get_terminal_size().columns - 1
     widths = [max(len(str(row[k])) for row in [head, *rows]) for k in range(len(head))]
@@ -200,13 +201,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
             shown.append(left.pop(0))
         lines.append("")
         for row in [head, *rows]:
-            lines += _folded([str(row[k]) for k in shown], [widths[k] for k in shown], room)
+            *before, last = (f"{row[k]!s:{widths[k]}}" for k in shown)
+            start = "".join(f"{cell}  " for cell in before)
+            parts = textwrap.wrap(last.rstrip(), max(room - len(start), 20), break_on_hyphens=False) or [""]
+            lines += [(start + parts[0]).rstrip(), *(" " * len(start) + part for part in parts[1:])]
     return lines
-
-
-def _folded(cells: Sequence[str], widths: Sequence[int], room: int) -> list[str]:
-    """Format a row of a table; a last cell that is too long goes on in further lines."""
-    *before, last = (f"{cell:{width}}" for cell, width in zip(cells, widths))
-    start = "".join(f"{cell}  " for cell in before)
-    parts = textwrap.wrap(last.rstrip(), max(room - len(start), 20), break_on_hyphens=False) or [""]
-    return [(start + parts[0]).rstrip(), *(" " * len(start) + part for part in parts[1:])]

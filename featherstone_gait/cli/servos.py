@@ -61,17 +61,11 @@ def run(args: Namespace) -> int:
 
 def _curve(name: str, voltage: float | None) -> TorqueSpeed:
     from ..identification.curve import torque_speed
-    from ..robot_file import load_servo
+    from ..robot_file import gearbox_presets, load_servo
 
-    return torque_speed(load_servo(name, **_preset(name)), voltage)
-
-
-def _preset(name: str) -> dict[str, str]:
-    """Return the gearbox "physical", or the first of a file without it: the figures do not depend on the gearbox."""
-    from ..robot_file import gearbox_presets
-
-    presets = gearbox_presets(name)
-    return {"gearbox": next(iter(presets))} if presets and "physical" not in presets else {}
+    presets = gearbox_presets(name)  # any will do, the curve does not depend on it
+    chosen = {"gearbox": next(iter(presets))} if presets and "physical" not in presets else {}
+    return torque_speed(load_servo(name, **chosen), voltage)
 
 
 def _listed(sheets: dict[str, ServoSheet], voltage: float | None) -> list[str]:

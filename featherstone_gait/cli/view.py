@@ -15,13 +15,8 @@ import logging
 import webbrowser
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .arguments import Commands, add_command, telling_extras
-
-if TYPE_CHECKING:
-    from ..model import Model
-    from ..run.trajectory import Trajectory
 
 
 def add(commands: Commands) -> None:
@@ -50,6 +45,7 @@ def run(args: Namespace) -> int:
     from ..robot_file import load_robot
     from ..run.trajectory import Trajectory
     from ..run.trajectory import files as files_of
+    from ..view.movie import save_movie
     from ..view.shown import in_posture, show, show_live
 
     saved = [files_of(file)[0].is_file() for file in args.files]
@@ -66,7 +62,11 @@ def run(args: Namespace) -> int:
         if args.keyframe is not None:
             raise ValueError("--keyframe is for a robot without a run; leave it out, or give the robot's file")
     if args.gif or args.png:
-        return _movies(args, runs[0], robot, names[0])
+        for wanted, ending in ((args.gif, ".gif"), (args.png, "_frames")):
+            if wanted:
+                path = args.out / f"{names[0]}{ending}"
+                print(f"file        {path}, {save_movie(runs[0], path, robot, fps=args.fps, speed=args.speed)} frames")
+        return 0
     captions = args.caption or [name if names.count(name) == 1 else f"{name} {k + 1}" for k, name in enumerate(names)]
     how = {"captions": captions, "plots": args.plot, "ghosts": args.ghosts}
     if args.live:
@@ -85,15 +85,4 @@ def run(args: Namespace) -> int:
     print(f"file        {path}, {len(page.html) / 1e6:.2g} MB")
     if args.open:
         webbrowser.open(path.resolve().as_uri())
-    return 0
-
-
-def _movies(args: Namespace, run: Trajectory, robot: Model | str | None, name: str) -> int:
-    from ..view.movie import save_movie
-
-    for wanted, ending in ((args.gif, ".gif"), (args.png, "_frames")):
-        if wanted:
-            path = args.out / f"{name}{ending}"
-            count = save_movie(run, path, robot, fps=args.fps, speed=args.speed)
-            print(f"file        {path}, {count} frames")
     return 0
