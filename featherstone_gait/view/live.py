@@ -43,7 +43,7 @@ PANEL = 360  # width of the plots [pixel]
 
 
 def serve(
-    runs: Mapping[str, Seen], title: str, ghosts: bool = False, port: int = 8080, plots: Sequence[str] = ()
+    runs: Mapping[str, Seen], title: str, plots: Sequence[str] = (), ghosts: bool = False, port: int = 8080
 ) -> Live:
     """Serve a page of runs by caption, at `port` of this machine or the first free port after it; 0: any free port.
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -67,8 +67,7 @@ def show(
     ValueError
         Robot and run do not fit, channels are missing, or captions are not one for each run.
     """
-    seen = _seen([trajectory, *others], robot, captions, plots)
-    page = Page(page_html(seen.runs, seen.title, seen.plots, truth("ghosts", ghosts)))
+    page = Page(page_html(*_seen([trajectory, *others], robot, captions, plots), truth("ghosts", ghosts)))
     if path is not None:
         page.save(arguments.path("path", path))
     elif not in_notebook():
@@ -105,18 +104,13 @@ def show_live(
     ImportError
         Without viser (pip install featherstone-gait[viser]).
     """
-    seen = _seen([trajectory, *others], robot, captions, plots)
-    return serve(seen.runs, seen.title, ghosts, port, seen.plots)
+    return serve(*_seen([trajectory, *others], robot, captions, plots), ghosts, port)
 
 
-class _Seen(NamedTuple):
-    runs: dict[str, Seen]  # by caption
-    title: str
-    plots: list[str]
-
-
-def _seen(runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plots: Sequence[str]) -> _Seen:
-    """Find robot and ground of each run, and captions and plots where none are given."""
+def _seen(
+    runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plots: Sequence[str]
+) -> tuple[dict[str, Seen], str, list[str]]:
+    """Find robot and ground of each run, by its caption, the page's title, and plots where none are given."""
     for run in runs:
         instance("trajectory", run, Trajectory, "give what simulate returns")
     names = [str(run.info.get("robot", "run")) + (f" {k + 1}" if k else "") for k, run in enumerate(runs)]
@@ -131,16 +125,9 @@ def _seen(runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plo
             found[key] = robot_of(run, robot)
         seen[caption] = Seen(found[key][0], run, found[key][1])
     title = runs[0].info.get("start") if len(runs) == 1 else None
-    channels = texts("plots", plots, "give a list of channels") or _default_plots(runs[0])
-    return _Seen(seen, title or seen[captions[0]].model.name, channels)
-
-
-def _default_plots(trajectory: Trajectory) -> list[str]:
-    """Choose the recorded channel that is plotted by default; none for a run of one sample."""
-    if len(trajectory["time"]) < 2:
-        return []
-    candidates = ("contact_force", "torque", "q")
-    return next(([name] for name in candidates if name in trajectory and trajectory[name].size), [])
+    usual = [name for name in ("contact_force", "torque", "q") if name in runs[0] and runs[0][name].size]
+    channels = texts("plots", plots, "give a list of channels") or usual[: int(len(runs[0]["time"]) > 1)]
+    return seen, title or seen[captions[0]].model.name, channels
 
 
 def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:

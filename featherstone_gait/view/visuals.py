@@ -76,34 +76,52 @@ def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str
 
 
 def _found(model: Model, most: int, corners: int) -> tuple[list[tuple[str, list[_Part]]], list[str]]:
-    """Find the parts of each visible link, with meshes simplified, and the notes."""
-    faceted, notes = _Facets(most, corners), list[str]()
-    found = list(_looks(model, faceted, notes))  # all of them first: meshes share the budget
-    return [(name, faceted.thinned(parts)) for name, parts in found], list(dict.fromkeys(notes))
-
-
-def _looks(model: Model, faceted: _Facets, notes: list[str]) -> Iterator[tuple[str, list[_Part]]]:
-    """Yield each visible link with its parts: visuals, else collision shapes, else the box of its inertia."""
-    seen, remarks = read_visuals(model)
-    notes += remarks
+    """Find the parts of each visible link, and notes: visuals, else collision shapes, else the box of its inertia."""
+    seen, notes = read_visuals(model)
     solid: dict[str, list[Visual]] = {}
     for shape in model.shapes:
         visual = Visual(shape.geometry, rotation_from_rpy(shape.rpy), np.array(shape.xyz))
         solid.setdefault(shape.link, []).append(visual)
-    nothing = True
+    found, read = [], dict[str, list[MeshPart]]()  # mesh files, which several links may have
     for link in model.links:
         if seen and link.name not in seen:
             continue  # a file that says what is seen says it of all links
-        parts = faceted.parts(seen.get(link.name, ()), link.name, notes) or faceted.parts(
-            solid.get(link.name, ()), link.name, notes
-        )
+        shapes = (each.get(link.name, ()) for each in (seen, solid))
+        parts = next(filter(None, (_parts(own, link.name, corners, read, notes) for own in shapes)), [])
         if not parts and max(link.inertia, default=0.0) > 0.0:
             parts = [_Part(*_box(link), sided(link.name), False)]
         if parts:
-            nothing = False
-            yield link.name, parts
-    if nothing:
+            found.append((link.name, parts))
+    if not found:
         raise ValueError(f"{model.name}: no link has a shape or an inertia; there is nothing to draw")
+    size = sum(_size(part.points) for _, parts in found for part in parts if isinstance(part.faces, np.ndarray))
+    return [(name, [_simplified(part, most, size) for part in parts]) for name, parts in found], [*dict.fromkeys(notes)]
+
+
+def _parts(
+    visuals: Iterable[Visual], link: str, corners: int, read: dict[str, list[MeshPart]], notes: list[str]
+) -> list[_Part]:
+    """Convert some visuals; add a note for each that cannot be read."""
+    found = []
+    for visual in visuals:
+        try:
+            several = list(_faceted(visual.geometry, corners, read))
+        except (ValueError, ImportError) as error:
+            notes.append(str(error))
+            continue
+        smooth = isinstance(visual.geometry, SMOOTH)
+        for points, faces, own in several:
+            points = points @ visual.rotation.T + visual.position
+            found.append(_Part(points, faces, own or visual.color or sided(link), smooth, visual.opacity))
+    return found
+
+
+def _simplified(part: _Part, most: int, size: float) -> _Part:
+    """Simplify a mesh to its share of a number of faces, by its size among all meshes; leave other shapes."""
+    if not isinstance(part.faces, np.ndarray):
+        return part
+    points, faces = thinned(part.points, part.faces, max(LEAST, int(most * _size(part.points) / size)))
+    return part._replace(points=points, faces=faces)
 
 
 def sided(name: str) -> Color:
@@ -126,42 +144,6 @@ class _Part(NamedTuple):
     color: Color
     smooth: bool
     opacity: float = 1.0
-
-
-class _Facets:
-    """A converter of shapes to faces, whose meshes share a budget by their sizes."""
-
-    def __init__(self, most: int, corners: int) -> None:
-        self.most, self.corners, self.size = most, corners, 0.0
-        self.read: dict[str, list[MeshPart]] = {}  # mesh files, which several links may have
-
-    def parts(self, visuals: Iterable[Visual], link: str, notes: list[str]) -> list[_Part]:
-        """Convert some visuals; add a note for each that cannot be read."""
-        found = []
-        for visual in visuals:
-            try:
-                several = list(_faceted(visual.geometry, self.corners, self.read))
-            except (ValueError, ImportError) as error:
-                notes.append(str(error))
-                continue
-            smooth = isinstance(visual.geometry, SMOOTH)
-            for points, faces, own in several:
-                if isinstance(faces, np.ndarray):
-                    self.size += _size(points)
-                points = points @ visual.rotation.T + visual.position
-                found.append(_Part(points, faces, own or visual.color or sided(link), smooth, visual.opacity))
-        return found
-
-    def thinned(self, parts: list[_Part]) -> list[_Part]:
-        """Simplify all meshes, each to its share of the budget."""
-        done = []
-        for part in parts:
-            if isinstance(part.faces, np.ndarray):
-                share = max(LEAST, int(self.most * _size(part.points) / self.size))
-                points, faces = thinned(part.points, part.faces, share)
-                part = part._replace(points=points, faces=faces)
-            done.append(part)
-        return done
 
 
 def round_up(x: float) -> float:
