@@ -164,7 +164,8 @@ def identify(
         errors = Errors(work.errors, bar.update)
         slopes = lambda x: errors.slopes(x, steps, central=True, own=own)  # noqa: E731
         found = least_squares(errors, x, slopes, (x - reach, x + reach), x_scale="jac", ftol=1e-7)
-    textbook, robust, independent = covariances(found.jac, found.fun, work.lengths)
+    lengths = [len(recording.time) for recording in recordings for _ in range(2 if voltage_weight else 1)]
+    textbook, robust, independent = covariances(found.jac, found.fun, lengths)
     spread, textbook = (np.sqrt(np.diag(matrix)[:count]) for matrix in (robust, textbook))
     error = np.maximum(spread, textbook)
     values = dict(zip(parameters, np.exp(found.x[:count]).tolist()))
@@ -332,11 +333,6 @@ class _Simulations:
             ]
             for x in points
         ]
-
-    @property
-    def lengths(self) -> list[int]:
-        """Lengths of the parts of the errors that are a signal over time."""
-        return [len(recording.time) for recording in self.recordings for _ in range(2 if self.voltage_weight else 1)]
 
 
 def _exp(x: float) -> float:

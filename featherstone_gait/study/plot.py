@@ -68,16 +68,16 @@ def _figure(study: Study, table: Path) -> Figure:
     ]
     columns = [column for column in columns if column.axis.size != 1] or columns[:1]
     shape = [column.axis.size for column in columns]
-    several = len(columns) == 3 and study.shares is None and min(shape) <= MAPS
+    grid, several = study.shares is None, len(columns) == 3 and study.shares is None and min(shape) <= MAPS
     count = min(shape) if several else len(columns) if len(columns) > 2 else 1
     width = min(count, 3)
     height = -(-count // width)
     figure = Figure(figsize=(7.0, 4.5) if count == 1 else (3.6 * width, 0.5 + 2.9 * height), layout="constrained")
     panels = figure.subplots(height, width, squeeze=False).ravel()
-    if several:
+    if several or (grid and len(columns) == 2):
         _maps(figure, panels, columns, y, ok, says)
     elif len(columns) == 2:
-        _map(figure, panels[0], columns, y, ok, says, study.shares is None)
+        _scatter(figure, panels[0], columns, y, ok, says)
     else:
         for panel, column in zip(panels, columns):
             _marginal(panel, column, y, ok, line=len(columns) == 1)
@@ -167,21 +167,27 @@ def _norm(y: np.ndarray) -> Any:
 def _maps(
     figure: Figure, panels: np.ndarray, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str
 ) -> None:
-    """Draw a map for each value of the parameter with the fewest values, all with one color scale."""
-    shape = [column.axis.size for column in columns]
-    apart = int(np.argmin(shape))
-    values, sound = (np.moveaxis(x.reshape(shape), apart, 0) for x in (y, ok))
-    others, norm = [column for k, column in enumerate(columns) if k != apart], _norm(y)
-    name, _, unit = columns[apart].label.partition(" [")
-    for panel, value, v, o in zip(panels, columns[apart].axis.listed, values, sound):
-        image = _cells(panel, others, v, o, norm)
-        text = value if isinstance(value, str) else f"{value:.3g}"
-        panel.set_title(f"{name} {text} {unit.rstrip(']')}".rstrip())
+    """Draw a cell for each run of a grid over two parameters, with a map for each value of a third."""
+    shape, norm, titles = [column.axis.size for column in columns], _norm(y), [""]
+    values, sound = (x.reshape(-1, *shape[-2:]) for x in (y, ok))
+    if len(columns) == 3:
+        apart = int(np.argmin(shape))  # the one with the fewest values
+        values, sound = (np.moveaxis(x.reshape(shape), apart, 0) for x in (y, ok))
+        name, _, unit = columns[apart].label.partition(" [")
+        titles = [f"{name} {text} {unit.rstrip(']')}".rstrip() for text in _texts(columns[apart].axis.listed)]
+        columns = columns[:apart] + columns[apart + 1 :]
+    for panel, title, v, o in zip(panels, titles, values, sound):
+        image = _cells(panel, columns, v, o, norm)
+        panel.set_title(title)
     for panel in panels[len(values) :]:
         panel.set_axis_off()
     if not ok.all():
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left")
     figure.colorbar(image, ax=panels[: len(values)].tolist(), label=says)
+
+
+def _texts(values: Sequence[Any]) -> list[str]:
+    return [value if isinstance(value, str) else f"{value:.3g}" for value in values]
 
 
 def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, norm: Any) -> ScalarMappable:
@@ -191,34 +197,27 @@ def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, n
     panel.grid(False)
     image = panel.pcolormesh(y, norm=norm, cmap="viridis")
     for set_ticks, column in ((panel.set_xticks, across), (panel.set_yticks, up)):
-        step = -(-len(column.axis.listed) // LABELS)
-        values = column.axis.listed[::step]
-        texts = [value if isinstance(value, str) else f"{value:.3g}" for value in values]
-        set_ticks(0.5 + step * np.arange(len(values)), texts)
+        step = -(-column.axis.size // LABELS)
+        texts = _texts(column.axis.listed[::step])
+        set_ticks(0.5 + step * np.arange(len(texts)), texts)
     rows, cells = np.nonzero(~ok)
     panel.plot(0.5 + cells, 0.5 + rows, "X", color=BAD, markersize=8, markeredgecolor="white", label="not ok")
     panel.set(xlabel=across.label, ylabel=up.label)
     return image
 
 
-def _map(
-    figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str, grid: bool
-) -> None:
-    """Draw the measure as color over two parameters: cells for a grid, points otherwise."""
-    norm, (up, across) = _norm(y), columns
-    if grid:
-        shape = up.axis.size, across.axis.size
-        image = _cells(panel, columns, y.reshape(shape), ok.reshape(shape), norm)
-    else:
-        panel.set_facecolor("0.85")
-        _scale_x(panel, across)
-        panel.set_ylabel(up.label)
-        if up.names is not None:
-            panel.set_yticks(range(len(up.names)), up.names)
-        elif up.log:
-            panel.set_yscale("log")
-        image = panel.scatter(across.x[ok], up.x[ok], c=y[ok], norm=norm, cmap="viridis", s=25)
-        panel.plot(across.x[~ok], up.x[~ok], "x", color=BAD, markersize=6, label="not ok")
+def _scatter(figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str) -> None:
+    """Draw the measure as the color of points over two parameters."""
+    up, across = columns
+    panel.set_facecolor("0.85")
+    _scale_x(panel, across)
+    panel.set_ylabel(up.label)
+    if up.names is not None:
+        panel.set_yticks(range(len(up.names)), up.names)
+    elif up.log:
+        panel.set_yscale("log")
+    image = panel.scatter(across.x[ok], up.x[ok], c=y[ok], norm=_norm(y), cmap="viridis", s=25)
+    panel.plot(across.x[~ok], up.x[~ok], "x", color=BAD, markersize=6, label="not ok")
     if not ok.all():
         panel.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, -0.1), frameon=False)
     figure.colorbar(image, ax=panel, label=says)

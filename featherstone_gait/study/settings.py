@@ -55,16 +55,15 @@ if TYPE_CHECKING:
 
 MOST_RUNS, MOST_NUMBERS = 20_000_000, 100_000_000
 FEWER = f"at most {MOST_RUNS} runs are allowed: make several studies of it"
-GROUND_UNITS = {"friction": "-", "penetration": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
-SUPPLY_UNITS = {f.name: f.metadata["unit"] for f in fields(Supply)}
-GAIT_UNITS = {
-    "period": "s",  # of a stride, two steps
-    "step_length": "m",
-    "com_height": "m",
-    "half_width": "m",
-    "lift": "m",
-    "double_support": "-",
-}
+UNITS = {
+    "servo": SERVO_UNITS,
+    "supply": {f.name: f.metadata["unit"] for f in fields(Supply)},
+    "ground": {"friction": "-", "penetration": "m", "damping_ratio": "-", "height": "m", "slope": "rad"},
+    "posture": {"tilt": "rad"},
+    "gait": {  # period: of a stride, two steps
+        "period": "s", "step_length": "m", "com_height": "m", "half_width": "m", "lift": "m", "double_support": "-",
+    },
+}  # fmt: skip
 # Name -> unit of a number, or the values that are allowed (None: any text).
 OLD = {"scene.servos": "scene.gearbox", "ground.sinking": "ground.penetration"}  # names until version 0.2
 PARAMETERS: dict[str, str | Collection | None] = {
@@ -77,12 +76,8 @@ PARAMETERS: dict[str, str | Collection | None] = {
     "servo.type": None,
     "servo.gearbox": None,
     "servo.law": get_args(Law),
-    **{f"servo.{name}": unit for name, unit in SERVO_UNITS.items()},
-    **{f"supply.{name}": unit for name, unit in SUPPLY_UNITS.items()},
-    **{f"ground.{name}": unit for name, unit in GROUND_UNITS.items()},
-    "posture.tilt": "rad",
+    **{f"{section}.{name}": unit for section, units in UNITS.items() for name, unit in units.items()},
     "gait.file": None,
-    **{f"gait.{name}": unit for name, unit in GAIT_UNITS.items()},
 }
 SECTIONS = tuple(dict.fromkeys(name.partition(".")[0] for name in PARAMETERS))
 # Settings and sections that not all experiments read; the sections leave the scene as it is.
