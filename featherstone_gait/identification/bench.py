@@ -230,12 +230,7 @@ class BenchRecording:
 
 
 def read_bench(
-    path: FilePath,
-    bench: Bench,
-    *,
-    gain: float | None = None,
-    mass: float | None = None,
-    length: float | None = None,
+    path: FilePath, bench: Bench, *, gain: float | None = None, mass: float | None = None, length: float | None = None
 ) -> BenchRecording:
     """Read a recording of a servo on the bench from a CSV file.
 

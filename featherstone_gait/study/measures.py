@@ -55,10 +55,7 @@ COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
         "energy_J": "electrical energy [J]",
         "end_s": "time reached [s]",
     },
-    "stable_step": {
-        "stable_step_s": "largest stable step [s]",
-        "unstable_step_s": "smallest unstable step [s]",
-    },
+    "stable_step": {"stable_step_s": "largest stable step [s]", "unstable_step_s": "smallest unstable step [s]"},
     "walk": {
         "cost_J_m": "energy per distance [J/m]",
         "cost_of_transport": "cost of transport [-]",

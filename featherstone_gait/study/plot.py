@@ -164,9 +164,7 @@ def _norm(y: np.ndarray) -> Any:
     return (LogNorm if _wide(y) else Normalize)(_least(y), known.max()) if len(known) else Normalize(0.0, 1.0)
 
 
-def _maps(
-    figure: Figure, panels: np.ndarray, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str
-) -> None:
+def _maps(figure: Figure, panels: np.ndarray, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str) -> None:
     """Draw a cell for each run of a grid over two parameters, with a map for each value of a third."""
     shape, norm, titles = [column.axis.size for column in columns], _norm(y), [""]
     values, sound = (x.reshape(-1, *shape[-2:]) for x in (y, ok))

@@ -279,9 +279,7 @@ class _Actor:
         """Add the robot to the scene, each link as a frame with its pieces in it."""
         self.place = scene.add_frame(name, show_axes=False)
         names = dict.fromkeys(piece.link for piece in self.found)
-        self.links = {
-            link: scene.add_frame(f"{name}/{link.replace('/', '_')}", show_axes=False) for link in names
-        }
+        self.links = {link: scene.add_frame(f"{name}/{link.replace('/', '_')}", show_axes=False) for link in names}
         self.meshes = [
             scene.add_mesh_simple(
                 f"{self.links[piece.link].name}/{k}", piece.points, piece.triangles, color=piece.color,

@@ -34,9 +34,7 @@ class _Table(NamedTuple):
     values: np.ndarray  # (samples, lines)
 
 
-def plot(
-    trajectory: Trajectory, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None
-) -> Figure:
+def plot(trajectory: Trajectory, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None) -> Figure:
     """Draw channels of a run against time, one row each.
 
     Labels stand at the ends of their lines.  More than 8 joints are drawn side by side, left and right by their names,

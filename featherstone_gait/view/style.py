@@ -37,9 +37,7 @@ def look(grid: bool = True) -> Iterator[None]:
         yield
 
 
-def label_ends(
-    axes: Axes, ends: Sequence[tuple[float, str, Any]], x: float | None = None, size: float = 7.5
-) -> None:
+def label_ends(axes: Axes, ends: Sequence[tuple[float, str, Any]], x: float | None = None, size: float = 7.5) -> None:
     """Write a label (y, text, color) beside the end of each line, moved apart where they would overlap.
 
     x: where the lines end, None for the right edge of the axes.
