@@ -31,7 +31,7 @@ from tqdm import tqdm
 from ..run.error_estimate import SPEED_LIMIT
 from ..run.trajectory import Trajectory, positions
 from ..scene.compile import CompiledScene
-from ..view.style import BLUE, COLOURS, ORANGE, look
+from ..view.style import BLUE, COLORS, ORANGE, look
 from .case import Case, Truth, cache_folder, distances, estimate_of, truth, velocities
 from .default_scenes import cases
 from .engines import peer_run
@@ -47,7 +47,7 @@ ROUNDING = 1e-12  # an error that may be estimated for a robot that does not mov
 PATIENCE = 30.0  # CPU seconds of a run
 ENOUGH, REPEATS = 0.5, 9  # CPU seconds and runs after which a time is believed
 NAMED = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation", "ars343")
-VERDICTS = {"held": BLUE, "silent": ORANGE, "flagged": COLOURS[4], "alarm": COLOURS[5]}
+VERDICTS = {"held": BLUE, "silent": ORANGE, "flagged": COLORS[4], "alarm": COLORS[5]}
 
 
 class Outcome(NamedTuple):

@@ -43,7 +43,7 @@ from ..view.style import look
 from . import speed
 from .case import Case, Run, case_of, deviation, solution
 from .engines import bounded, disable, humanoid_of, in_pinocchio, quick_mujoco, rolled, spec_of, standing_on
-from .precision import COLOURS, ENOUGH, measure
+from .precision import COLORS, ENOUGH, measure
 from .scenes import STIFF_SERVO, chain, free_arm, humanoids, stiff_arm
 from .servo import settles
 from .table import in_turn, installed, machine, save_figure, tabulate, write_table
@@ -496,7 +496,7 @@ def _scene_panel(panel: Axes, points: list[Point]) -> None:
         peer = is_peer(method)
         panel.loglog(
             [p.error for p in line], [p.time for p in line], DASHES[comma + servo], label=method,
-            color=GREYS[name] if peer else COLOURS[name], marker="x" if peer else "o", markersize=4,
+            color=GREYS[name] if peer else COLORS[name], marker="x" if peer else "o", markersize=4,
             linewidth=1.0 if peer else 2.0,
         )  # fmt: skip
     panel.set(title=points[0].problem, xlabel="error at the end [rad]", ylabel="CPU time per simulated second [ms]")

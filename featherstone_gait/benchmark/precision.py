@@ -130,7 +130,7 @@ def _read_number(text: str) -> float:
     return value
 
 
-COLOURS = {
+COLORS = {
     "implicit_euler": "C0",
     "midpoint": "C2",
     "rk4": "C1",
@@ -157,7 +157,7 @@ def plot(path: Path, rows: list[Row], notes: str = "") -> None:
         panel.set_axis_off()
     for k in range(len(names)):
         panels[k].set_ylabel("CPU time [ms/s]" if k % columns == 0 else "")
-    used = [name for name in COLOURS if any(row.integrator == name for row in rows)]
+    used = [name for name in COLORS if any(row.integrator == name for row in rows)]
     handles = [_line(name) for name in used]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(used))
     figure.suptitle(
@@ -168,8 +168,8 @@ def plot(path: Path, rows: list[Row], notes: str = "") -> None:
 
 
 def _style(name: str) -> dict:
-    fill = COLOURS[name] if INTEGRATORS[name].adaptive else "white"
-    return {"color": COLOURS[name], "marker": "o", "markersize": 4, "markerfacecolor": fill, "linewidth": 1.2}
+    fill = COLORS[name] if INTEGRATORS[name].adaptive else "white"
+    return {"color": COLORS[name], "marker": "o", "markersize": 4, "markerfacecolor": fill, "linewidth": 1.2}
 
 
 def _line(name: str) -> Line2D:
@@ -181,7 +181,7 @@ def _line(name: str) -> Line2D:
 def _panel(panel: Axes, rows: list[Row]) -> None:
     from matplotlib.ticker import NullFormatter
 
-    for name in COLOURS:
+    for name in COLORS:
         line = [row for row in rows if row.integrator == name and 0.0 < row.error < 1.0]
         panel.loglog([row.error for row in line], [row.time for row in line], **_style(name))
     if rows[0].reference_error > 0.0:

@@ -31,7 +31,7 @@ from ..study import read_study, run_study
 from ..study.bisection import largest
 from ..study.measures import LARGEST, SMALLEST
 from ..study.table import TABLE
-from ..view.style import COLOURS as LOOK_COLOURS
+from ..view.style import COLORS as LOOK_COLORS
 from ..view.style import look
 from .linear_stability import growth, linearized
 from .table import machine, save_figure, tabulate
@@ -196,7 +196,7 @@ def _print_ratios(rows: list[Row]) -> None:
             print(f"  {gearbox:9} {integrator:15} {tilt:g} rad {min(ratios):.3f} to {max(ratios):.3f} ({len(ratios)})")
 
 
-COLOURS = dict(zip(("implicit_euler", "rk4", "midpoint", "simtwo"), LOOK_COLOURS))
+COLORS = dict(zip(("implicit_euler", "rk4", "midpoint", "simtwo"), LOOK_COLORS))
 SWEPT = {"joints": "joints", "ratio": "gear ratio", "rotor_inertia": "rotor inertia [kg m²]", "Kp": "gain [V/rad]"}
 TITLES = {"standard": "standard: no rotor", "rotor": "rotor, rigid gearbox", "mipsd": "mipsd: rotor behind a spring"}
 
@@ -233,7 +233,7 @@ def _panel(panel: Axes, rows: list[Row], gearbox: str, swept: str) -> None:
     for integrator, tilt in product(INTEGRATORS, TILTS):
         chosen = [row for row in rows if row[4:7] == (gearbox, integrator, tilt)]
         line = sorted(row for row in chosen if all(row[k] == through[k] for k in rest))
-        x, color = [getattr(row.point, swept) for row in line], COLOURS[integrator]
+        x, color = [getattr(row.point, swept) for row in line], COLORS[integrator]
         if tilt == TILTS[0]:
             theory = [1e3 * row.linear_step_s for row in line]
             panel.plot(x, theory, "-", color=color, linewidth=1.2, label=f"{integrator}, linear theory")

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 WRONG = 1e-3  # error that counts [rad or m]
 COVERED = 10.0  # times the run's own estimate that it may reach
-COLOURS = {"held": "#0072B2", "flagged": "#56B4E9", "silent": "#D55E00", "alarm": "#E69F00", "": "white"}
+COLORS = {"held": "#0072B2", "flagged": "#56B4E9", "silent": "#D55E00", "alarm": "#E69F00", "": "white"}
 
 
 class Row(NamedTuple):
@@ -90,21 +90,21 @@ def plot(rows: list[Row], notes: str = "") -> Figure:
 
     names = list(dict.fromkeys(row.case for row in rows))
     columns = sorted({(INTEGRATORS[row.integrator].adaptive, row.integrator, row.step) for row in rows}, key=str)
-    kinds = list(COLOURS)
+    kinds = list(COLORS)
     cells = np.full((len(names), len(columns)), kinds.index(""))
     for row in rows:
         column = next(k for k, c in enumerate(columns) if str(c[1:]) == str((row.integrator, row.step)))
         cells[names.index(row.case), column] = kinds.index(row.verdict)
     figure = Figure(figsize=(11.0, 1.8 + 0.33 * len(names)), layout="constrained")
     axes = figure.subplots()
-    axes.pcolormesh(cells, cmap=ListedColormap(list(COLOURS.values())), vmin=-0.5, vmax=len(kinds) - 0.5,
+    axes.pcolormesh(cells, cmap=ListedColormap(list(COLORS.values())), vmin=-0.5, vmax=len(kinds) - 0.5,
                     edgecolors="white", linewidth=1.5)  # fmt: skip
     labels = [name if math.isnan(step) else f"{name}\n{1e3 * step:g} ms" for _, name, step in columns]
     axes.set_xticks(np.arange(len(columns)) + 0.5, labels, rotation=90, fontsize=8)
     axes.set_yticks(np.arange(len(names)) + 0.5, names, fontsize=9)
     axes.invert_yaxis()
     figure.legend(
-        handles=[Patch(facecolor=color, edgecolor="0.8", label=kind or "not run") for kind, color in COLOURS.items()],
+        handles=[Patch(facecolor=color, edgecolor="0.8", label=kind or "not run") for kind, color in COLORS.items()],
         loc="outside upper right", ncols=5,
     )  # fmt: skip
     figure.suptitle(notes, fontsize=7, x=0.01, ha="left")

@@ -23,7 +23,7 @@ from .hull import Corners, corners_of, hull_indices
 MAX_BYTES = 100_000_000  # of one file
 KINDS = (".stl", ".obj", ".dae", ".glb", ".gltf")
 WHITE = (255, 255, 255)
-COLOURS = ("library_images", "library_effects", "library_materials", "bind_material")  # of a DAE
+COLORS = ("library_images", "library_effects", "library_materials", "bind_material")  # of a DAE
 LOOKS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights")  # extensions of a glTF that move no point
 TEXTURES = ("library_images", "newparam")  # and what of an effect refers to them
 
@@ -223,7 +223,7 @@ def _without_colors(path: Path, data: bytes) -> tuple[bytes, float]:
     if not 0.0 < unit < math.inf:
         raise ValueError(f"{path}: a unit of {unit!r} m; expected > 0: correct <unit meter=...>")
     for element in list(root.iter()):
-        for child in [child for child in element if _tag(child) in COLOURS]:
+        for child in [child for child in element if _tag(child) in COLORS]:
             element.remove(child)
     return tostring(root), unit
 

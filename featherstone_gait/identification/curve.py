@@ -26,7 +26,7 @@ from scipy.optimize import brentq, minimize_scalar
 from ..base.arguments import instance, real, whole
 from ..core.effects.gear_friction import BLEND, MOST
 from ..model import TORQUE_LAWS, Servo
-from ..view.style import COLOURS, look
+from ..view.style import COLORS, look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -203,9 +203,9 @@ def plot_curves(curves: Mapping[str, TorqueSpeed], manual: Mapping[str, Sequence
     figure = Figure(figsize=(8.0, 8.0), layout="constrained")
     panels = figure.subplots(3, sharex=True)
     for k, (name, curve) in enumerate(curves.items()):
-        color = COLOURS[k % len(COLOURS)]
+        color = COLORS[k % len(COLORS)]
         for panel, values in zip(panels, (curve.torque, curve.current, 100.0 * curve.efficiency)):
-            panel.plot(curve.speed, values, color=color, linestyle=("-", "--", ":")[k // len(COLOURS) % 3], label=name)
+            panel.plot(curve.speed, values, color=color, linestyle=("-", "--", ":")[k // len(COLORS) % 3], label=name)
         for point in (manual or {}).get(name, ()):
             if point.voltage == curve.voltage:
                 panels[0].plot([0.0, point.no_load_speed], [point.stall_torque, 0.0], "o", color=color, clip_on=False)

@@ -22,7 +22,7 @@ from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
 from ..scene.compile import GearboxKind, compile_scene
-from ..view.style import COLOURS as CYCLE
+from ..view.style import COLORS as CYCLE
 from ..view.style import look
 from .claim import Claim, Verdict, classify, plus_minus
 from .common import ENCODER_STEP, SERVO_COLORS, subplots

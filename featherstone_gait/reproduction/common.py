@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from ..model import Model
-from ..view.style import BLUE, COLOURS, ORANGE
+from ..view.style import BLUE, COLORS, ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +25,7 @@ R = TypeVar("R")
 
 ENCODER_STEP = math.radians(300.0 / 1023.0)  # of the AX-12 [rad], ROBOTIS e-manual
 EXPLICIT, IMPLICIT = "simtwo", "implicit_euler"  # integrators: the paper's program of 2012, and the linearly implicit
-SERVO_COLORS = {"standard": ORANGE, "mipsd": BLUE, "rotor": COLOURS[2]}  # the same in all figures
+SERVO_COLORS = {"standard": ORANGE, "mipsd": BLUE, "rotor": COLORS[2]}  # the same in all figures
 LINE_STYLES = {EXPLICIT: "-", IMPLICIT: "--"}
 INTEGRATOR_NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}
 

@@ -174,7 +174,7 @@ def _safe(result: CompleteHumanoidResult) -> Claim:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = {"simplified": BLUE, "complete": ORANGE}
+COLORS = {"simplified": BLUE, "complete": ORANGE}
 
 
 @look()
@@ -191,9 +191,9 @@ def plot(result: CompleteHumanoidResult) -> dict[str, Figure]:
 def _progress(result: CompleteHumanoidResult) -> Figure:
     figure, axes = subplots(7.0, 4.0)
     for name, walk in result.walks.items():
-        axes.plot(walk.best.T, color=COLOURS[name], linewidth=0.7, alpha=0.6)
+        axes.plot(walk.best.T, color=COLORS[name], linewidth=0.7, alpha=0.6)
         label = f"{name}, {len(walk.joints)} joints"
-        axes.plot(np.median(walk.best, axis=0), color=COLOURS[name], linewidth=2.2, label=label)
+        axes.plot(np.median(walk.best, axis=0), color=COLORS[name], linewidth=2.2, label=label)
     axes.set(xlabel="iteration", ylabel="energy per distance [J/m]", xlim=(0, result.settings.iterations))
     axes.set_ylim(bottom=0.0)
     axes.legend(loc="lower left")
@@ -206,11 +206,11 @@ def _changes(result: CompleteHumanoidResult) -> Figure:
     order = np.argsort(walk.changes)
     figure, axes = subplots(7.0, 5.0)
     for k, joint in enumerate(order):
-        color = COLOURS["simplified" if walk.joints[joint] in legs else "complete"]
+        color = COLORS["simplified" if walk.joints[joint] in legs else "complete"]
         axes.barh(k, math.degrees(walk.changes[joint]), color=color)
     axes.set_yticks(range(len(order)), [walk.joints[k].replace("_", " ") for k in order])
     axes.set_xlabel("largest change of a pose from the plan [deg]")
     for name, label in (("simplified", "joint of the simplified robot too"), ("complete", "locked in the simplified")):
-        axes.barh(0, 0.0, color=COLOURS[name], label=label)
+        axes.barh(0, 0.0, color=COLORS[name], label=label)
     axes.legend(loc="lower right")
     return figure

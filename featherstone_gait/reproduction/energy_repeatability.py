@@ -31,7 +31,7 @@ from tqdm import tqdm
 from ..run.simulate import standing_state
 from ..scene.compile import GearboxKind
 from ..view.style import BLUE, ORANGE, look
-from ..view.style import COLOURS as STYLE
+from ..view.style import COLORS as STYLE
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
 from .claim import Claim, classify, question
@@ -314,7 +314,7 @@ def _percent(x: float) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = dict(zip(MODELS, (ORANGE, STYLE[5], BLUE, STYLE[4])))
+COLORS = dict(zip(MODELS, (ORANGE, STYLE[5], BLUE, STYLE[4])))
 
 
 @look()
@@ -336,7 +336,7 @@ def _runs(result: EnergyResult) -> Figure:
             model = (gearbox, integrator)
             energy = result.energies[model][ALL].sum(axis=1)
             off = 100.0 * (energy / np.nanmean(energy) - 1.0)
-            style = {"color": COLOURS[gearbox, EXPLICIT]}
+            style = {"color": COLORS[gearbox, EXPLICIT]}
             label = f"{_name(model)}: {_percent(result.scatter(model).value)}"
             marker = "o" if gearbox == "standard" else "s"
             row[0].plot(np.arange(1, len(off) + 1), off, marker, ms=3, label=label, **style)
@@ -356,7 +356,7 @@ def _sources(result: EnergyResult) -> Figure:
         values = np.array([s.value for s in scatters])
         error = np.abs(np.array([[s.low, s.high] for s in scatters]).T - values)
         places = np.arange(len(names)) + 0.2 * (k - 1.5)
-        style: dict[str, Any] = {"marker": "o", "linestyle": "", "capsize": 3, "color": COLOURS[model]}
+        style: dict[str, Any] = {"marker": "o", "linestyle": "", "capsize": 3, "color": COLORS[model]}
         axes.errorbar(places, 100 * values, 100 * error, label=_name(model), **style)
     _papers(axes)
     axes.set_xticks(range(len(names)), names)
@@ -372,7 +372,7 @@ def _sizes(result: EnergyResult) -> Figure:
         scatters = [result.scatter(model, ALL if scale == 1.0 else (ALL, scale)) for scale in scales]
         values = np.array([s.value for s in scatters])
         error = np.abs(np.array([[s.low, s.high] for s in scatters]).T - values)
-        style: dict[str, Any] = {"marker": "o", "capsize": 2, "color": COLOURS[model], "label": _name(model)}
+        style: dict[str, Any] = {"marker": "o", "capsize": 2, "color": COLORS[model], "label": _name(model)}
         axes.errorbar(scales, 100 * values, 100 * error, **style)
     _papers(axes)
     axes.set(xlabel="size of the sources [times the settings]", ylabel="standard deviation of the energy [%]")
@@ -384,7 +384,7 @@ def _sizes(result: EnergyResult) -> Figure:
 def _papers(axes: Axes) -> None:
     """Draw the paper's scatter of both models."""
     for gearbox, value in PAPER.items():
-        color, text = COLOURS[gearbox, EXPLICIT], f"paper {100 * value:g} %"
+        color, text = COLORS[gearbox, EXPLICIT], f"paper {100 * value:g} %"
         axes.axhline(100 * value, color=color, linestyle=":", linewidth=1.2)
         axes.annotate(text, (0.01, 100 * value), xycoords=axes.get_yaxis_transform(), xytext=(0, 2),
                       textcoords="offset points", color=color, fontsize=7.5, va="bottom")  # fmt: skip

@@ -43,7 +43,7 @@ from ..view.page import page_html
 from ..view.plotting import plot_motion
 from ..view.recorded import Seen
 from ..view.style import BLUE, ORANGE, look
-from ..view.style import COLOURS as STYLE
+from ..view.style import COLORS as STYLE
 from ..walking.cost import LEAST_SPEED, WalkingCost
 from ..walking.gait import TICK, bounds
 from .claim import Claim, classify, question
@@ -428,7 +428,7 @@ def _percents(values: Collection[float]) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = dict(zip(CONDITIONS, (BLUE, ORANGE, STYLE[3], STYLE[4], STYLE[5])))
+COLORS = dict(zip(CONDITIONS, (BLUE, ORANGE, STYLE[3], STYLE[4], STYLE[5])))
 
 
 @look()
@@ -475,14 +475,14 @@ def _progress(result: GaitSearchResult) -> Figure:
         searches = result.of(condition)
         for axes, curves in zip(panels, ([s.cost for s in searches], [1e3 * s.step for s in searches])):
             k = searches[0].at
-            draw_band(axes, k, curves, COLOURS[condition], str(condition))
+            draw_band(axes, k, curves, COLORS[condition], str(condition))
     first = result.of(MIPSD)[0]
     papers = {PAPER_COST: first.cost[0], PAPER_STEP: 1e3 * first.step[0]}
     for axes, (change, planned), end in zip(panels, papers.items(), ("right", "left")):  # where no curve is near
         value = planned * (1 + change)
-        axes.axhline(value, color=COLOURS[MIPSD], linestyle=":", linewidth=1.2)
+        axes.axhline(value, color=COLORS[MIPSD], linestyle=":", linewidth=1.2)
         axes.annotate(
-            f"paper {100 * change:+.0f} %", (float(end == "right"), value), ha=end, color=COLOURS[MIPSD], fontsize=7.5,
+            f"paper {100 * change:+.0f} %", (float(end == "right"), value), ha=end, color=COLORS[MIPSD], fontsize=7.5,
             xycoords=axes.get_yaxis_transform(), xytext=(0, 2), textcoords="offset points",
         )  # fmt: skip
         axes.set(xlabel="iteration", xlim=(0, len(first.best) - 1))
@@ -497,8 +497,8 @@ def _convergence(result: GaitSearchResult) -> Figure:
     figure, axes = subplots(9.0, 4.0)
     for k, condition in enumerate(CONDITIONS):
         for j, name in enumerate(DEFINITIONS):
-            draw_marks(axes, j + 0.15 * (k - 2), result.converged(condition, name), COLOURS[condition], 0.06)
-        axes.plot([], [], "o", color=COLOURS[condition], label=str(condition))
+            draw_marks(axes, j + 0.15 * (k - 2), result.converged(condition, name), COLORS[condition], 0.06)
+        axes.plot([], [], "o", color=COLORS[condition], label=str(condition))
     if result.settings.iterations > PAPER_CONVERGED:
         for value in (PAPER_CONVERGED, PAPER_OLD):
             axes.axhline(value, color="0.4", linestyle=":")
@@ -515,7 +515,7 @@ def _cross(result: GaitSearchResult) -> Figure:
             gains = 1.0 + result.gains(condition, name)
             label = str(condition) if j == 0 else None
             places = np.full(len(gains), j + 0.15 * (k - 2))
-            axes.plot(places, np.minimum(gains, 1.2), "o", ms=5, color=COLOURS[condition], alpha=0.7, label=label)
+            axes.plot(places, np.minimum(gains, 1.2), "o", ms=5, color=COLORS[condition], alpha=0.7, label=label)
     axes.axhline(1.0, color="0.4", linewidth=1.0)
     axes.set_xticks(range(len(EVALUATIONS)), [name.replace(", ", ",\n") for name in EVALUATIONS])
     axes.set(ylabel="energy per distance over that\nof the planned gait", ylim=(0.0, 1.2), xlabel="evaluated under")

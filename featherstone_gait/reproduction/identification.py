@@ -26,7 +26,7 @@ from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
 from ..scene.compile import GearboxKind, compile_scene
-from ..view.style import COLOURS as CYCLE
+from ..view.style import COLORS as CYCLE
 from ..view.style import look
 from .claim import Claim, classify, question
 from .common import ENCODER_STEP, subplots

@@ -21,7 +21,7 @@ from scipy.stats import mannwhitneyu
 from ..optimize.search import AMPLITUDE, MAX_MISS
 from ..search import AdaptiveSimulatedAnnealing, cma_es, run_together
 from ..search.ask_tell import Search
-from ..view.style import COLOURS as STYLE
+from ..view.style import COLORS as STYLE
 from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import bounds
@@ -192,7 +192,7 @@ def _percent(x: float) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = dict(zip(METHODS, STYLE))
+COLORS = dict(zip(METHODS, STYLE))
 
 
 @look()
@@ -208,8 +208,8 @@ def _progress(result: MethodResult) -> Figure:
     figure, (left, right) = subplots(10.0, 4.2, 1, 2, sharey=True, width_ratios=(3, 1))
     for k, (method, best) in enumerate(result.best.items()):
         n = np.arange(1, best.shape[1] + 1)
-        draw_band(left, n, best, COLOURS[method], method)
-        draw_marks(right, k, best[:, -1], COLOURS[method], 0.3)
+        draw_band(left, n, best, COLORS[method], method)
+        draw_marks(right, k, best[:, -1], COLORS[method], 0.3)
     left.set(xlabel="evaluations", ylabel="energy per distance [J/m]", xlim=(1, result.settings.evaluations))
     left.set_ylim(bottom=0.0)
     right.set(xticks=[], xlim=(-0.6, len(result.best) - 0.4), xlabel="gaits found")

@@ -266,7 +266,7 @@ def _known(result: RobustnessResult) -> Claim:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = {PLANNED: "0.35", "found": BLUE, "knew": ORANGE}
+COLORS = {PLANNED: "0.35", "found": BLUE, "knew": ORANGE}
 
 
 @look()
@@ -288,7 +288,7 @@ def _curves(result: RobustnessResult) -> Figure:
         costs = result.of(kind)
         places = np.array(getattr(result.settings, kind) if kind in KINDS else np.arange(1, len(costs) + 1))
         for k, name in enumerate(result.gaits):
-            color, walks = COLOURS[name.split()[0]], np.isfinite(costs[:, k])
+            color, walks = COLORS[name.split()[0]], np.isfinite(costs[:, k])
             style = "o-" if kind in KINDS else "o"
             axes.plot(places, np.where(walks, costs[:, k], math.nan), style, ms=3, color=color, alpha=0.7)
             shift = 0.012 * (k - len(result.gaits) / 2) * np.ptp(places)
@@ -296,8 +296,8 @@ def _curves(result: RobustnessResult) -> Figure:
         axes.set(xlabel=KINDS.get(kind, "robot"), ylim=(0.0, 1.05 * top))
     for axes in panels[:, 0]:
         axes.set_ylabel("energy per distance [J/m]")
-    for name, label in zip(COLOURS, ("planned gait", "found without backlash", "found with backlash")):
-        panels[0, 0].plot([], [], "o-", ms=3, color=COLOURS[name], label=label)
+    for name, label in zip(COLORS, ("planned gait", "found without backlash", "found with backlash")):
+        panels[0, 0].plot([], [], "o-", ms=3, color=COLORS[name], label=label)
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
@@ -308,9 +308,9 @@ def _pushes(result: RobustnessResult) -> Figure:
     for j, direction in enumerate(DIRECTIONS):
         largest = _largest(result, direction)
         for k, (name, rows) in enumerate(groups.items()):
-            draw_marks(axes, j + 0.22 * (k - 1), largest[rows], COLOURS[name], 0.09)
-    for name, label in zip(COLOURS, ("planned gait", "found without backlash", "found with backlash")):
-        axes.plot([], [], "o", color=COLOURS[name], label=label)
+            draw_marks(axes, j + 0.22 * (k - 1), largest[rows], COLORS[name], 0.09)
+    for name, label in zip(COLORS, ("planned gait", "found without backlash", "found with backlash")):
+        axes.plot([], [], "o", color=COLORS[name], label=label)
     axes.set_xticks(range(len(DIRECTIONS)), DIRECTIONS)
     axes.set(ylabel=f"push for {result.settings.pushed_for:g} s [N]")
     axes.set_ylim(bottom=0.0)

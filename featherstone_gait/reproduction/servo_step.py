@@ -27,7 +27,7 @@ from ..run.simulate import simulate
 from ..run.trajectory import Trajectory
 from ..scene.compile import GearboxKind, compile_scene
 from ..scene.tree import GRAVITY
-from ..view.style import COLOURS as CYCLE
+from ..view.style import COLORS as CYCLE
 from ..view.style import look
 from .claim import Claim, classify, plus_minus
 from .common import ENCODER_STEP, SERVO_COLORS, subplots

@@ -35,7 +35,7 @@ from ..base.files import Format
 from ..optimize.search import AMPLITUDE, MAX_MISS, optimize_gait
 from ..scene.compile import GearboxKind
 from ..search import minimize
-from ..view.style import COLOURS as STYLE
+from ..view.style import COLORS as STYLE
 from ..view.style import look
 from ..walking.cheapest_plan import PlanKind, States
 from ..walking.cost import WalkingCost
@@ -345,11 +345,11 @@ def _faster(result: StopResult) -> Claim:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = SERVO_COLORS | {"plain": STYLE[3], "cheapest": STYLE[2]}
+COLORS = SERVO_COLORS | {"plain": STYLE[3], "cheapest": STYLE[2]}
 
 
 def _color(row: StopRow) -> str:
-    return COLOURS[row.plan if row.program == OURS else row.gearbox]
+    return COLORS[row.plan if row.program == OURS else row.gearbox]
 
 
 @look()

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .style import BAD, COLOURS
+from .style import BAD, COLORS
 
 HEIGHT = 200  # of a plot [pixel]
 MARGIN = 0.06  # above and below the lines, of their height
 QUIET, LINES = "#8a8f98", "rgba(138, 143, 152, 0.2)"  # axes and grid, on light and dark ground
-SIDES = {"left": COLOURS[0], "right": COLOURS[1]}  # where there are more lines than colors
+SIDES = {"left": COLORS[0], "right": COLORS[1]}  # where there are more lines than colors
 ALL = "all"
 
 
@@ -79,8 +79,8 @@ class _Lines:
         margin = MARGIN * (high - low) or 1.0
         self.low, self.high = low - margin, high + margin
         labels = [channel["labels"][k] for k in keep]
-        many = len(labels) > len(COLOURS)
-        colors = [SIDES.get(channel["sides"][k], QUIET) for k in keep] if many else COLOURS
+        many = len(labels) > len(COLORS)
+        colors = [SIDES.get(channel["sides"][k], QUIET) for k in keep] if many else COLORS
         axis = {"stroke": QUIET, "grid": {"stroke": LINES, "width": 1}, "ticks": {"stroke": LINES, "width": 1}}
         points = {"show": False}
         series = [

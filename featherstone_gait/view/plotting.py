@@ -15,7 +15,7 @@ from ..model import Model
 from ..run.trajectory import Trajectory
 from ..run.trajectory import positions as positions
 from .recorded import columns_of
-from .style import BAD, COLOURS, label_ends, look
+from .style import BAD, COLORS, label_ends, look
 from .visuals import SIDES_OF, side_of
 
 if TYPE_CHECKING:
@@ -134,12 +134,12 @@ def _sides(labels: list[str]) -> list[tuple[str, list[int]]]:
 def _styles(labels: list[str]) -> list[tuple[str, str]]:
     """Choose color and stroke of each line; left and right partners share a color, and the right one is dashed."""
     if len(labels) <= MANY and len({_partner(label) for label in labels}) == len(labels):
-        return [(COLOURS[k % len(COLOURS)], "-") for k in range(len(labels))]
+        return [(COLORS[k % len(COLORS)], "-") for k in range(len(labels))]
     kinds = {kind: k for k, kind in enumerate(dict.fromkeys(_partner(label) for label in labels))}
     strokes = ("-", "-.", ":")
     return [
-        (COLOURS[kinds[_partner(x)] % len(COLOURS)],
-         "--" if side_of(x) == "right" else strokes[kinds[_partner(x)] // len(COLOURS) % 3])
+        (COLORS[kinds[_partner(x)] % len(COLORS)],
+         "--" if side_of(x) == "right" else strokes[kinds[_partner(x)] // len(COLORS) % 3])
         for x in labels
     ]  # fmt: skip
 

@@ -14,8 +14,8 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
-BLUE, ORANGE, GREY = COLOURS[0], COLOURS[1], "0.45"
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
+BLUE, ORANGE, GREY = COLORS[0], COLORS[1], "0.45"
 BAD = "#A3160F"  # what failed, always with a word or a cross besides
 COLUMN = 3.5  # width of a column of a page [inch]
 LOOK: dict[str, Any] = {
@@ -32,7 +32,7 @@ def look(grid: bool = True) -> Iterator[None]:
     import matplotlib
     from cycler import cycler
 
-    settings: Any = LOOK | {"axes.prop_cycle": cycler(color=COLOURS), "axes.grid": grid}
+    settings: Any = LOOK | {"axes.prop_cycle": cycler(color=COLORS), "axes.grid": grid}
     with matplotlib.rc_context(settings):
         yield
 

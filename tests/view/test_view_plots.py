@@ -8,7 +8,7 @@ from pages import fallen, humanoid, walking
 
 from featherstone_gait import Trajectory, load_robot, plot
 from featherstone_gait.reproduction.claim import plus_minus
-from featherstone_gait.view.style import COLOURS, spread
+from featherstone_gait.view.style import COLORS, spread
 
 matplotlib.use("Agg")
 
@@ -81,7 +81,7 @@ def dichromat(color):
 
 def test_colors_differ_for_those_who_lack_red_or_green_cones():
     for k in range(2):
-        seen = np.array([dichromat(color)[k] for color in COLOURS])
+        seen = np.array([dichromat(color)[k] for color in COLORS])
         apart = np.linalg.norm(seen[:, None] - seen[None], axis=2) + np.eye(len(seen))
         assert apart.min() > 0.04
     assert np.linalg.norm(np.subtract(*[dichromat(c)[1] for c in ("#d62728", "#2ca02c")])) < 0.3  # red and green
