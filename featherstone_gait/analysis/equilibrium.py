@@ -91,7 +91,7 @@ class Trim:
 
     @property
     def ok(self) -> bool:
-        """Whether the status is "ok"."""
+        """Return whether the status is "ok"."""
         return self.status == "ok"
 
 

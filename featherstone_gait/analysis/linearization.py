@@ -257,7 +257,7 @@ class Chart:
     """Map deviations to a state and back: which numbers of it they move, and which of them read a deviation."""
 
     def __init__(self, scene: CompiledScene, channels: Sequence[str], held: Sequence[str] = ()) -> None:
-        """Take the channels of the states, and those of what is moved with them but is no state."""
+        """Chart the channels of the states; those in `held` move with them, but are no states."""
         self.channels = (*channels, *held)
         self.names: list[str] = []
         self.widths: list[float] = []
@@ -448,7 +448,7 @@ class _System:
             )
 
     def close(self) -> None:
-        """Leave vectors to other calls, but for those with error control or with the signals of a long period."""
+        """Keep vectors for later calls, except those with error control or with the signals of a long period."""
         for one in self._maps:
             samples = one.vector.run.signals.samples
             if one.vector.lanes > 1 and (samples is None or samples.size < KEPT):

@@ -67,19 +67,14 @@ def moving_up(parent: Path, name: str | None = None) -> Iterator[Path]:
         yield folder
         paths = sorted(folder.iterdir())
         for path in paths:
-            _settle(path, parent / path.name)
+            if (parent / path.name).is_dir():
+                raise IsADirectoryError(errno.EISDIR, f"{parent / path.name} is a folder")
+            with path.open("rb+") as file:
+                os.fsync(file.fileno())
         for path in paths:
             os.replace(path, parent / path.name)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _settle(path: Path, target: Path) -> None:
-    """Wait until a file is on the disk; raise OSError if it cannot take its place."""
-    if target.is_dir():
-        raise IsADirectoryError(errno.EISDIR, f"{target} is a folder")
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
 
 
 def claim(file: IO, path: FilePath) -> None:
@@ -136,7 +131,9 @@ def read_csv(path: FilePath, form: Format) -> Iterator[tuple[int, list[str]]]:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
             comments, line = 0, file.readline()
             while line.startswith("#"):
-                _check_comment(path, form, line)
+                text = line[1:].strip(" ,\r\n")  # a spreadsheet appends commas
+                if text.startswith("featherstone_gait "):
+                    form.check(path, text)
                 comments, line = comments + 1, file.readline()
             rows = csv.reader(chain([line] if line else [], file))
             for row in rows:
@@ -145,12 +142,6 @@ def read_csv(path: FilePath, form: Format) -> Iterator[tuple[int, list[str]]]:
         raise ValueError(f"{path}: is not UTF-8 text; save it as CSV") from error
     except csv.Error as error:
         raise ValueError(f"{path}: is not CSV ({error}); save it as CSV") from error
-
-
-def _check_comment(path: FilePath, form: Format, line: str) -> None:
-    text = line[1:].strip(" ,\r\n")  # a spreadsheet appends commas
-    if text.startswith("featherstone_gait "):
-        form.check(path, text)
 
 
 _NUMERAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")

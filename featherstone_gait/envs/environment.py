@@ -56,7 +56,7 @@ Step = tuple[Any, Any, Any, Any, dict[str, Any]]
 
 
 class Task(NamedTuple):
-    """What a robot is to do.
+    """The task of a robot.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Task(NamedTuple):
 
 
 class _Robots:
-    """What environments of one and of many robots share; rows of arrays are robots."""
+    """Parts that environments of one and of many robots share; rows of arrays are robots."""
 
     def __init__(
         self,

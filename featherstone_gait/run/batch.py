@@ -71,7 +71,7 @@ def family(run: CompiledRun) -> Hashable:
 
 
 def streams(scene: CompiledScene) -> bool:
-    """Tell whether lanes may be at different times: nothing but the controllers' ticks depends on the time."""
+    """Return whether lanes may be at different times: nothing but the controllers' ticks depends on the time."""
     return scene.constants.push is None and scene.sampled and not scene.adaptive
 
 
@@ -80,7 +80,7 @@ def _refills(scene: CompiledScene, starts: list[RunInput]) -> bool:
 
 
 def _run_refilled(compiled: CompiledRun, starts: list[RunInput], threads: int) -> list[Result]:
-    """Let every thread drive one vector and take runs from the same queue."""
+    """Drive one vector in each thread; all threads take runs from the same queue."""
     queue, threads = Queue(len(starts)), min(threads, -(-len(starts) // WIDTH))
     drive_lanes(compiled, queue, starts.__getitem__, lambda start, y, out: (y, out), threads)
     return queue.answers
@@ -104,7 +104,7 @@ def drive_lanes(
 
 
 def _over_threads(compiled: CompiledRun, work: Callable[[Any], Any], items: Iterable[Any], threads: int) -> list[Any]:
-    """Do the work of each item; what is raised here, by Ctrl-C too, ends all runs within a step."""
+    """Work through the items in threads; an exception here, Ctrl-C too, ends all runs within a step."""
     with ThreadPoolExecutor(threads) as pool:
         try:
             return list(pool.map(work, items))

@@ -24,7 +24,7 @@ RINGING_LIMIT = 5e-4
 
 
 class Outcome(NamedTuple):
-    """How a run ended."""
+    """The end of a run: status, message and time."""
 
     status: Status
     message: str  # empty if nothing is wrong

@@ -1,4 +1,4 @@
-"""What the kernels are called with: a compiled run, what one simulation starts from, and vectors of such runs.
+"""Arguments of the kernels: compiled runs, the inputs of one simulation, and vectors of such runs.
 
     compiled = prepare(scene, 2.0, record=("q",))
     y, out = compiled.run([compiled.start(state, reference)])[0]
@@ -46,7 +46,7 @@ OF_MODEL = {"clearance": clearance_channel}  # computed channels that take the r
 
 
 class RunInput(NamedTuple):
-    """What one simulation starts from."""
+    """Inputs of one simulation."""
 
     y: np.ndarray  # (length,) state
     reference: Knots | None
@@ -331,7 +331,7 @@ class Vector:
             self.lane(program.memory, lane)[...] = start.compiled.controller.first_memory
 
     def repeat(self, lane: int, other: int, start: RunInput) -> None:
-        """Let an idle lane repeat another one, in which the run of `start` is."""
+        """Copy another lane, in which the run of `start` is, into an idle lane."""
         self.put(lane, start)
         self.y[:, lane], self.run.good[:, lane] = self.y[:, other], self.run.good[:, other]
         if self.run.signals.program is not None:
@@ -339,7 +339,7 @@ class Vector:
             memory[..., lane] = memory[..., other]
 
     def set_clock(self, schedule: Plan, done: float = 0.0, lane: Any = Ellipsis) -> None:
-        """Tell the controller of a run, or of a lane, its time: steps since its start, and the schedule of its run."""
+        """Set the clock of a run's controller, or of a lane's: steps since its start, and the schedule of its run."""
         program = self.run.signals.program
         if program is not None:
             for k, value in ((DONE, done), (FIRST, schedule.first), (OFFSET, schedule.offset)):

@@ -53,7 +53,7 @@ SPEED_LIMIT = 10.0  # of speeds by the largest there is or 1, in the above: an i
 
 
 class SecondRun(NamedTuple):
-    """How the second run differs from the run."""
+    """Scene and tolerances of the second run, and the share of the difference to take as the error."""
 
     scene: CompiledScene
     rtol: float | None
@@ -170,7 +170,7 @@ def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[s
 
 
 def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
-    """Say from which record on the error of a run is beyond its limit; None if it never is."""
+    """Describe from which record on the error of a run exceeds its limit; return None if it never does."""
     found = []
     for name, errors, limit, unit in _limited(run, error):
         beyond = (errors > limit).any(axis=1)

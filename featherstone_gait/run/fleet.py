@@ -93,7 +93,7 @@ class Group:
             self.offset[k, lane] = schedule.offset
 
     def write_state(self, robots: np.ndarray, states: np.ndarray, part: slice) -> None:
-        """Give robots (n,) bool a part of other states (n, length)."""
+        """Overwrite a part of the states of robots (n,) bool by that of other states (n, length)."""
         places = np.flatnonzero(robots[self.of])
         k, lane = np.divmod(places, self.lanes)
         self.y[k, part, lane] = states[self.of[places], part]
@@ -230,7 +230,7 @@ class Fleet:
         return found
 
     def write_controllers(self, numbers: np.ndarray) -> None:
-        """Give controllers what `controllers` has returned."""
+        """Restore what `controllers` returned."""
         for robot, command, memory in self._programs():
             command[...] = numbers[robot, : command.size].reshape(command.shape)
             memory[...] = numbers[robot, command.size :]

@@ -48,12 +48,12 @@ def merge(parts: Sequence[Any]) -> Any:
 
 
 def _differ(arrays: Sequence[np.ndarray]) -> bool:
-    """Tell whether arrays of one shape have different bits."""
+    """Return whether arrays of one shape have different bits."""
     return len({array.tobytes() for array in arrays}) > 1
 
 
 def has_varying(x: Any) -> bool:
-    """Tell whether something in x, at any depth, is `Varying`."""
+    """Return whether something in x, at any depth, is `Varying`."""
     return isinstance(x, Varying) or (isinstance(x, tuple) and any(map(has_varying, x)))
 
 

@@ -1,4 +1,4 @@
-"""What a session lets see of its robots: channels and sensors now, and the log of what it records."""
+"""Views of the present channels and sensors of a session's robots, and the log of what it records."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class Log:
         return other
 
     def restart(self, who: np.ndarray) -> None:
-        """Forget what was before of these robots."""
+        """Discard earlier records of these robots."""
         self._begun[who] = self.count
         oldest = int(self._begun.min())
         if oldest > self.count // 2:
@@ -108,7 +108,7 @@ class Log:
             self._begun -= oldest
 
     def take(self, fleet: Fleet) -> None:
-        """Take the records of a tick, but for the last, with which the next begins."""
+        """Append the records of a tick except for the last one, which is the first of the next tick."""
         more = self.runs[0].samples - 1
         if self.count + more > len(self._rows):
             grown = np.zeros((2 * len(self._rows) + 64 * more, *self._rows.shape[1:]))

@@ -87,7 +87,7 @@ class CompiledController:
 
     @property
     def kind(self) -> Hashable:
-        """What runs that share a vector have in common."""
+        """Key that runs which share a vector have in common."""
         return self.function, self.memory, self.period, self.writes
 
     def __reduce__(self) -> Any:

@@ -98,13 +98,13 @@ class Session:
     tick : float
         Time between controller ticks [s].
     time : numpy.ndarray
-        How long each robot has gone on (n,) [s].
+        Simulated time of each robot since its start (n,) [s].
     state : numpy.ndarray
         A copy of the states (n, size), to be given to `reset` or `simulate`.
     active : numpy.ndarray
-        Which robots have not failed (n,) bool.
+        Mask (n,) bool of the robots that have not failed.
     status, messages : list
-        `Status` of each robot, and what to know about it.
+        `Status` of each robot, and a message about it.
     lag : float
         How much later than asked for the last paced step ended [s].
 
@@ -423,12 +423,12 @@ class Session:
 
     @property
     def time(self) -> np.ndarray:
-        """How long each robot has gone on (n,) [s]; of those that failed, until when."""
+        """Simulated time of each robot since its start (n,) [s]; it stops when a robot fails."""
         return self._fleets[0].of_each("end")
 
     @property
     def active(self) -> np.ndarray:
-        """Which robots have not fallen, diverged or otherwise ended (n,) bool."""
+        """Mask (n,) bool of the robots that have not fallen, diverged or otherwise ended."""
         return self._fleets[0].of_each("status") == OK
 
     @property
@@ -438,7 +438,7 @@ class Session:
 
     @property
     def messages(self) -> list[str]:
-        """What to know about each robot, "" of those that are "ok"."""
+        """Message about each robot, "" of those that are "ok"."""
         return [outcome.message for outcome in self._outcomes()]
 
     def _outcomes(self) -> Iterator[Outcome]:
@@ -461,7 +461,7 @@ class Session:
         return self._share * np.abs(run - other) + ROUNDING * np.abs(run)
 
     def _beyond_limit(self) -> np.ndarray:
-        """Tell whose error is beyond what `simulate` allows (n,)."""
+        """Return which robots (n,) have an error beyond what `simulate` allows."""
         wrong = np.zeros(self.n, bool)
         limit = LIMIT if self._runs[0].scene.adaptive else FIXED_LIMIT
         for name in coordinates(self.scene):

@@ -226,7 +226,7 @@ class Job(NamedTuple):
 
 
 class How(NamedTuple):
-    """What all runs have in common."""
+    """Options that all runs have in common."""
 
     duration: float
     pushes: Sequence[Push]
@@ -291,7 +291,7 @@ def _recorded(scenes: Sequence[CompiledScene], record: Iterable[str] | None) -> 
 
 
 def _explicit(job: Job) -> dict[str, Any]:
-    """State tolerances and the time between records, for other runs to be compared with."""
+    """Return explicit tolerances and time between records, so that other runs can be compared."""
     scene, rtol, atol = with_tolerance(*job[:3])
     every = scene.tick_steps * scene.timestep if job.record_interval is None else job.record_interval
     return {"scene": scene, "rtol": rtol, "atol": atol, "record_interval": every}

@@ -12,17 +12,16 @@ from ..base.arguments import instance, truth, vector
 from ..base.fixed_order import total
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
-from ..core.integrate import rollout
 from ..core.step import pace
 from ..core.step.signals import Knots
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from ..scene.tree import check_followers, followed
+from .status import OF_CODE
 from .trajectory import Trajectory
 
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
 OVERSHOOT = 1e-2  # beyond a limit, as far as a joint presses into its stop [rad or m]
-ENDS = (rollout.OK, rollout.FELL, rollout.DIVERGED, rollout.TOO_SMALL, rollout.TOO_COSTLY)  # of a state's status
 SHORTEST, LONGEST = 1e-6, 1e6  # quaternion that has a direction
 
 
@@ -192,7 +191,7 @@ def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
     y = vector("state", values, scene.layout["length"], "what initial_state gave, or the end of a run")
     check_quaternion(scene, y[slice(*scene.part("base_q"))][3:], 0.5, 2.0)
     status, own = y[scene.layout["status"]], y[scene.part("step_control")[0] :]
-    if status not in ENDS or not (own >= 0.0).all():
+    if status not in OF_CODE or not (own >= 0.0).all():
         raise ValueError(
             f"{scene.model.name}: state: its last {len(own)} numbers, pace, status {status:g} and time of a run, are "
             f"{own}; `simulate` returns no such state: make it with initial_state"

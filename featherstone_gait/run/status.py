@@ -1,4 +1,4 @@
-"""How a run ended, as an enumeration whose members are also plain text."""
+"""The status of a run, an enumeration whose members are also plain text."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..core.integrate import rollout
 
 
 class Status(StrEnum):
-    """How a run ended; each member equals its text, as in ``run.status == "ok"``.
+    """The status of a run; each member equals its text, as in ``run.status == "ok"``.
 
     Attributes
     ----------
@@ -42,12 +42,12 @@ class Status(StrEnum):
 
     @property
     def complete(self) -> bool:
-        """Whether the run came to its end."""
+        """Return whether the run came to its end."""
         return self not in (Status.FELL, Status.DIVERGED, Status.STEP_TOO_SMALL, Status.TOO_COSTLY)
 
     @property
     def remedy(self) -> str:
-        """What to try against it, empty for "ok"."""
+        """Remedy to try, empty for "ok"."""
         return REMEDIES[self]
 
 

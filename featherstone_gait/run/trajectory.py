@@ -88,14 +88,14 @@ class Trajectory(Mapping[str, np.ndarray]):
 
     @property
     def ok(self) -> bool:
-        """Whether the status is "ok"."""
+        """Return whether the status is "ok"."""
         return self.status is Status.OK
 
     success = ok  # SciPy's name
 
     @property
     def failed(self) -> bool:
-        """Whether the run ended before its time."""
+        """Return whether the run ended before its time."""
         return not self.status.complete
 
     @property

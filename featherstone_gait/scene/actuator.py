@@ -29,7 +29,7 @@ TOOTH_LOAD = 0.1  # of the stall torque, at which teeth that meet across a gap a
 
 
 class Drive(NamedTuple):
-    """What drives the joints of a scene."""
+    """The servos of a scene, as the kernels read them."""
 
     kind: GearboxKind | None
     servos: list[Servo | None]  # of each moving joint; None where there is none
@@ -38,7 +38,7 @@ class Drive(NamedTuple):
 
     @property
     def sampled(self) -> bool:
-        """Whether the controllers are sampled."""
+        """Return whether the controllers are sampled."""
         return self.actuator is not None and "servo" in self.actuator.PARTS
 
 
@@ -108,12 +108,9 @@ def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
 
 
 def _pds(servos: list[Servo | None]) -> np.recarray:
-    table = records(len(servos), PD)
-    for row, servo in zip(table, servos):
-        if servo is not None:
-            c = servo.controller
-            row.Kp, row.Kd, row.free_damping = c.Kp, c.Kd, c.law == "pd"
-            row.torque_limit = min(c.torque_limit, 1e300)
+    table = filled(PD, [(servo.controller,) if servo else None for servo in servos])
+    table.free_damping = [servo is not None and servo.controller.law == "pd" for servo in servos]
+    table.torque_limit = np.minimum(table.torque_limit, 1e300)
     return table
 
 

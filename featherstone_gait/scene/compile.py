@@ -164,7 +164,7 @@ class CompiledScene:
 
     @property
     def adaptive(self) -> bool:
-        """Whether the integrator chooses its steps by their error."""
+        """Return whether the integrator chooses its steps by their error."""
         return self.method.adaptive
 
     @property
@@ -174,12 +174,12 @@ class CompiledScene:
 
     @property
     def sampled(self) -> bool:
-        """Whether the servos have sampled controllers."""
+        """Return whether the servos have sampled controllers."""
         return self.constants.decay is not None
 
     @cached_property
     def layout(self) -> ByChannel:
-        """Where each part of the state starts, and its "length"."""
+        """First index of each part of the state, and the state's "length"."""
         return ByChannel(zip(state.STATE.names or (), self.places[0].tolist()))
 
     @cached_property
@@ -350,7 +350,7 @@ def _punch(law: Controller) -> float:
 
 
 def _places(tree: Tree, drive: Drive, constants: Scene) -> np.recarray:
-    """Give each part of the state its place."""
+    """Lay the parts of the state out."""
     has = () if drive.actuator is None else drive.actuator.PARTS
     contact, firmware, fed = constants.contact, constants.firmware, constants.supply is not None
     return state.lay_out(

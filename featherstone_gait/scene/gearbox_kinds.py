@@ -1,4 +1,4 @@
-"""The kinds of servos that a scene can be compiled with; imports nothing, so that the command line can name them."""
+"""Kinds of gearboxes that a scene can be compiled with; this file imports nothing heavy, for the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What limits the step of a scene, worked out before anything runs.
+"""Limits of the step of a scene, computed before anything runs.
 
 The linearized scene M dv/dt = -C v - K x is stable under explicit steps (semi-implicit Euler) only while
 h < 2 / lambda(M^-1 C) and h < 2 / sqrt(lambda(M^-1 K)), lambda the largest eigenvalue; M at zero posture.  For one

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..core.effects.stop import STOP, STOP_DEPTH
-from ..model import Joint, Model, Servo
+from ..model import Model
 from .actuator import Drive, stall_torque
 from .records import records
 
@@ -36,16 +36,10 @@ def build_stops(model: Model, drive: Drive, inertias: Sequence[float], g: float)
     table = records(len(joints), STOP)
     for row, joint, servo, inertia in zip(table, joints, drive.servos, inertias):
         row.lower, row.upper = max(joint.lower, -1e300), min(joint.upper, 1e300)
-        row.stiffness = max(_strongest(model, joint, servo, g), 1e-6) / STOP_DEPTH
+        # that of the servo, else of the file, else the robot's weight at 0.1 m; without gravity the weight on Earth
+        torque = stall_torque(servo) if servo else math.inf
+        if torque == math.inf:
+            torque = joint.effort if joint.effort < 1e3 else model.mass * (g or 9.81) * 0.1
+        row.stiffness = max(torque, 1e-6) / STOP_DEPTH
         row.damping = 2.0 * math.sqrt(inertia / row.stiffness) / CRITICAL_DEPTH
     return table
-
-
-def _strongest(model: Model, joint: Joint, servo: Servo | None, g: float) -> float:
-    """Return the strongest torque at a joint [N m or N]: of its servo, its file, or the robot's weight at 0.1 m.
-
-    Without gravity the stops are those on Earth.
-    """
-    if servo is not None and stall_torque(servo) < math.inf:
-        return stall_torque(servo)
-    return joint.effort if joint.effort < 1e3 else model.mass * (g or 9.81) * 0.1

@@ -77,7 +77,7 @@ def _fill(row: np.void, body: RigidBody, dof: Mapping[str, int]) -> None:
 
 
 def _assign_slots(bodies: np.ndarray) -> int:
-    """Give each parent an accumulator row and return how many are needed.
+    """Assign an accumulator row to each parent, and return how many are needed.
 
     Rows are reused when their parent has been passed.
     """
