@@ -24,7 +24,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import floats, instance, listed, one_of, real, shown, truth, whole
+from ..base.arguments import finite, floats, instance, listed, one_of, real, shown, truth, whole
 from ..base.deprecated import attribute, keywords
 from ..base.files import FilePath, Format, complete, read_arrays
 from ..core.effects.push import EVENT_MARGIN
@@ -328,7 +328,10 @@ class Session:
             seen = self._issued[(self._ticks - self._one_lag) % depth]
         else:
             seen = self._issued[(self._ticks - self._lags) % depth, self._robots]
-        noise, stops = self._drawn() if self._draws else self._issued, []
+        noise, stops = self._issued, []
+        if self._deviations is not None:  # (n, joints, 2)
+            draws = [draw.standard_normal((self.scene.tree.n, 2)) for draw in self._draws]
+            noise = np.array(draws) * self._deviations
         for fleet in self._fleets:
             for group in fleet.groups:
                 group.write(group.command, seen)
@@ -378,11 +381,6 @@ class Session:
             _write_first_errors(fleet, fresh, command)
         self._fresh[:] = self._any_fresh = False
         return command
-
-    def _drawn(self) -> np.ndarray:
-        """Draw the noise of a tick (n, joints, 2)."""
-        assert self._deviations is not None
-        return np.array([draw.standard_normal((self.scene.tree.n, 2)) for draw in self._draws]) * self._deviations
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
@@ -657,9 +655,7 @@ def _deviations(scene: CompiledScene, noise: Any) -> np.ndarray | None:
         return None
     if not scene.sampled:
         raise ValueError(f"{scene.model.name}: noise acts on sampled servos; this scene has none")
-    both = listed("noise", noise, "give two standard deviations, of angles [rad] and of voltages [V]")
-    if len(both) != 2:
-        raise ValueError(f"noise is {shown(noise)}; give two standard deviations, of angles [rad] and of voltages [V]")
+    both = finite("noise", noise, (2,), "of angles [rad] and of voltages [V], standard deviations")
     return np.array([real("noise", one, 0.0, 1e6, "it is a standard deviation") for one in both])
 
 
