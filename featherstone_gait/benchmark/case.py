@@ -8,18 +8,21 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import signal
 import sys
 import time
-import zipfile
-import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .. import __version__
-from ..base.files import complete
+from ..base.files import Format, complete, read_arrays
+from ..base.processes import process_pool
 from ..core.integrate import INTEGRATORS
 from ..model import Model
 from ..run.classify import to_trajectory
@@ -28,9 +31,9 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
 from ..run.trajectory import Trajectory, positions
 from ..scene.compile import CompiledScene
-from .limited import Worker, at_most
 
 Setting = tuple[str, float]  # an integrator, and its step [s] or its tolerance
+REFERENCE = Format("reference solution")
 LIMIT = 60.0  # CPU seconds of a reference
 AGREED = 1e-5  # between two tolerances, up to which they are believed [rad or m]
 RTOL = {"extrapolation": (1e-9, 1e-11), "dop853": (1e-10, 1e-12)}  # the second where the first soon loses its way
@@ -287,14 +290,56 @@ def digest(case: Case) -> str:
 def write(path: Path, found: Truth) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with complete(path) as temporary, temporary.open("xb") as file:
-        np.savez_compressed(file, **found._asdict())
+        np.savez_compressed(file, format=str(REFERENCE), **found._asdict())
 
 
 def read(path: Path) -> Truth | None:
     """Read what `write` wrote; None where the file is missing or damaged."""
     try:
-        with path.open("rb") as file, np.load(file) as data:  # a damaged one stays open otherwise
-            q, qd = data["q"], data["qd"]
-            return Truth(q, qd, str(data["status"]), int(data["known"]), float(data["own_error"]))
-    except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile):
+        data: dict[str, Any] = read_arrays(path, REFERENCE)
+        return Truth(data["q"], data["qd"], str(data["status"]), int(data["known"]), float(data["own_error"]))
+    except (OSError, ValueError, KeyError):
         return None
+
+
+# ---------------------------------------------------------------------------------------------- processes
+
+
+class Worker:
+    """Call functions in one separate process, and in a new one after a call has ended it."""
+
+    def __init__(self) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+
+    def call(self, function: Callable[..., Any], *args: Any) -> Any:
+        """Return what the function returns, or None where it ended its process: see `at_most`."""
+        if self._pool is None:
+            self._pool = process_pool(1)
+        try:
+            return self._pool.submit(function, *args).result()
+        except BrokenProcessPool:
+            self.close()
+            return None
+
+    def close(self) -> None:
+        """End the process."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+            self._pool = None
+
+
+@contextmanager
+def at_most(seconds: float) -> Iterator[None]:
+    """End the process if the block takes more CPU time [s]; this stops compiled code too.
+
+    Windows has no such clock: there is no limit there.
+    """
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)

@@ -22,6 +22,7 @@ import statistics
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -32,10 +33,9 @@ from ..run.error_estimate import SPEED_LIMIT
 from ..run.trajectory import Trajectory, positions
 from ..scene.compile import CompiledScene
 from ..view.style import BLUE, COLORS, ORANGE, look
-from .case import Case, Truth, cache_folder, distances, estimate_of, truth, velocities
+from .case import Case, Truth, Worker, at_most, cache_folder, distances, estimate_of, truth, velocities
 from .default_scenes import cases
 from .engines import peer_run
-from .limited import Worker, at_most
 from .table import machine, print_table, save_figure, write_table
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def run(
             write_table(out_dir / "default_integrators.csv", NAMED_COLUMNS, cells, host)
             yield row
 
-    with Worker() as worker:
+    with closing(Worker()) as worker:
         print_table(Row, found(worker))
     print("\n".join([f"left out: {text}" for text in skipped] + ["", *summary(rows)]))
     print(f"\nby name, wrong from {SILENT:g} on:")

@@ -6,6 +6,7 @@ import math
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, get_args
 
@@ -29,6 +30,7 @@ WEAK = (0.0, 0.0, -1e-9)  # gravity, which a ground must have [m/s^2]
 EVERY = 12  # robot that runs if not all do, and these:
 CHOSEN = ("model_for_sdf", "talos_reduced", "xarm6_with_gripper", "centauro")
 STEPS_EACH = 4  # random steps
+SIXTY = Reference([0.0], [[math.pi / 3.0]])  # [rad]
 PUNCH = 32 / 1023 * 10.0  # [V]
 AX12_LAW: dict[str, Any] = {
     "compliance_margin": math.radians(0.29), "punch": PUNCH, "Kp": (10.0 - PUNCH) / math.radians(9.4),
@@ -38,17 +40,10 @@ AX12_LAW: dict[str, Any] = {
 
 def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: list[str] | None = None) -> Iterator[Case]:
     """Yield all scenes; full: those of all robots and the long ones too; skipped: takes what is left out, and why."""
-    skipped = [] if skipped is None else skipped
-    yield from servo_cases()
-    yield from step_cases()
-    yield from friction_cases()
-    yield from firmware_cases()
-    yield from free_cases()
-    yield from humanoid_cases(full)
-    yield from known_cases()
-    if full:
-        yield from long_cases()
-    yield from robot_cases(full, folders() if robots is None else robots, skipped)
+    places, skipped = folders() if robots is None else robots, [] if skipped is None else skipped
+    yield from chain(servo_cases(), step_cases(), friction_cases(), firmware_cases(), free_cases())
+    yield from chain(humanoid_cases(full), known_cases(), long_cases() if full else ())
+    yield from robot_cases(full, places, skipped)
 
 
 # ---------------------------------------------------------------------------------------------- robots
@@ -123,11 +118,11 @@ def servo_cases() -> Iterator[Case]:
     for speed, gearbox in thrown:
         scene = compile_scene(arm, gearbox=gearbox)
         yield case_of(f"{gearbox}, into its stop at {speed:g} rad/s", "servos", scene, 0.5, [3.0], [speed])
-    target, t = Reference([0.0], [[math.pi / 3.0]]), np.linspace(0.0, 1.0, 101)
+    t = np.linspace(0.0, 1.0, 101)
     fast = Reference(t, np.sin(4.0 * math.pi * t)[:, None])
     for gearbox in get_args(GearboxKind):
         scene = compile_scene(arm, gearbox=gearbox)
-        yield case_of(f"{gearbox}, step of 60 degrees", "servos", scene, 1.0, [0.0], None, reference=target)
+        yield case_of(f"{gearbox}, step of 60 degrees", "servos", scene, 1.0, [0.0], None, reference=SIXTY)
         yield case_of(f"{gearbox}, reference too fast", "servos", scene, 1.0, [0.0], None, reference=fast)
 
 
@@ -155,31 +150,31 @@ def friction_cases() -> Iterator[Case]:
     mx64 = load_servo("mx64")
     richer = {"motor_load_friction": 0.3115, "stribeck_motor_load": 0.1877, "stribeck_external_load": 0.01407}
     square = {"quadratic_motor_load": 0.0069, "quadratic_external_load": 0.01}
-    step, ramp = Reference([0.0], [[math.pi / 3.0]]), Reference([0.0, 2.0], [[0.0], [0.4]])
+    ramp = Reference([0.0, 2.0], [[0.0], [0.4]])
     for name, servo in {
         "M1 (xl320)": load_servo("xl320"),
         "M4 (mx64)": mx64,
         "M4 (xl330)": load_servo("xl330"),
         "M6 (mx64)": replace(mx64, gearbox=replace(mx64.gearbox, **richer, **square)),
     }.items():
-        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, servo)), gearbox="rotor")
-        yield case_of(f"{name}, step of 60 degrees", "friction", scene, 1.0, [0.0], None, reference=step)
+        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, servo)), "rotor")
+        yield case_of(f"{name}, step of 60 degrees", "friction", scene, 1.0, [0.0], None, reference=SIXTY)
         yield case_of(f"{name}, slow ramp", "friction", scene, 2.0, [0.0], None, reference=ramp)
-        limp = replace(servo, current_limit=1e-9)
-        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, limp)), gearbox="rotor")
+        limp = dict.fromkeys(arm.servos, replace(servo, current_limit=1e-9))
+        scene = compile_scene(replace(arm, servos=limp), "rotor")
         yield case_of(f"{name}, let go", "friction", scene, 1.0, [1.2], [-3.0])
 
 
 def firmware_cases() -> Iterator[Case]:
     """Yield the AX-12's firmware, with profile and delay, and seven of them on a weak battery."""
-    arm, step = load_robot("ax12_arm"), Reference([0.0], [[math.pi / 3.0]])
+    arm = load_robot("ax12_arm")
     for name, more in {
         "AX-12's law": {},
         "AX-12's law, profile of 2 rad/s": {"profile_speed": 2.0},
         "AX-12's law, 3 ms late": {"delay": 3e-3},
     }.items():
         scene = compile_scene(with_servo(arm, "ax12", **AX12_LAW, **more), "rotor")
-        yield case_of(f"{name}, step of 60 degrees", "firmware", scene, 1.0, [0.0], None, reference=step)
+        yield case_of(f"{name}, step of 60 degrees", "firmware", scene, 1.0, [0.0], None, reference=SIXTY)
     scene = compile_scene(replace(load_robot("arm7"), supply=Supply(11.1, 0.3)), "mipsd")
     raised = Reference([0.0], np.full((1, 7), 0.3))
     yield case_of("arm7 on 11.1 V and 0.3 Ohm, raised", "firmware", scene, 1.0, [0.0] * 7, None, reference=raised)

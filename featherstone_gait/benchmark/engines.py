@@ -18,8 +18,7 @@ import numpy as np
 from ..model import Model
 from ..robot_file import save_robot
 from ..scene.compile import CompiledScene
-from .case import Case, Truth, distances
-from .limited import at_most
+from .case import Case, Truth, at_most, distances
 from .table import installed
 
 PEER_STEP = 2e-3  # MuJoCo's default [s]

@@ -16,6 +16,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Model, Servo
@@ -42,7 +43,8 @@ def linearized(model: Model, servo: Servo, kind: str) -> Linear:
         followers = ", ".join(coupling[0] for coupling in model.couplings)
         raise ValueError(f"{model.name}: joints {followers} follow others; load it with mimic='free' or 'locked'")
     n, g = model.nv, servo.gearbox
-    M, G, one = mass_matrix(model, np.zeros(n)), _gravity_stiffness(model), np.eye(n)
+    M, one, q, rest = mass_matrix(model, np.zeros(n)), np.eye(n), SMALL_ANGLE * np.eye(n), np.zeros((n, n))
+    G = (inverse_dynamics(model, q, rest, rest) - inverse_dynamics(model, -q, rest, rest)).T / (2 * SMALL_ANGLE)
     torque = g.ratio * servo.motor_constant / servo.resistance  # [N m/V]
     motor, own = torque * g.ratio * servo.motor_constant, servo.viscous_friction
     rotor = g.ratio**2 * g.rotor_inertia
@@ -52,22 +54,12 @@ def linearized(model: Model, servo: Servo, kind: str) -> Linear:
     motor = motor + g.ratio**2 * g.rotor_damping
     between = np.block([[one, -one], [-one, one]])
     return Linear(
-        _blocks(M, rotor * one),
-        _blocks(own * one, motor * one) + g.damping * between,
-        _blocks(G, 0.0 * one),
+        block_diag(M, rotor * one),
+        block_diag(own * one, motor * one) + g.damping * between,
+        block_diag(G, 0.0 * one),
         g.stiffness * between,
         np.vstack([0.0 * one, torque * one]),
     )
-
-
-def _gravity_stiffness(model: Model) -> np.ndarray:
-    n = model.nv
-    q, rest = SMALL_ANGLE * np.eye(n), np.zeros((n, n))
-    return (inverse_dynamics(model, q, rest, rest) - inverse_dynamics(model, -q, rest, rest)).T / (2 * SMALL_ANGLE)
-
-
-def _blocks(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.block([[a, np.zeros((len(a), len(b)))], [np.zeros((len(b), len(a))), b]])
 
 
 def step_matrix(integrator: str, linear: Linear, h: float) -> np.ndarray:

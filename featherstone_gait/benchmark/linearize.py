@@ -33,7 +33,7 @@ from ..robot_file.mjcf.write import mjcf_text
 from ..run.simulate import initial_state
 from ..scene.compile import compile_scene
 from .engines import check_order, disable, quick_mujoco
-from .table import in_turn, installed, machine, tabulate
+from .table import in_turn, installed, machine, spread, tabulate
 
 REPEATS, REPEATS_FULL = 11, 41
 STEP = 1e-3  # [s]
@@ -175,10 +175,8 @@ def _timed(timers: list[_Timer], repeats: int) -> list[Row]:
     with quick_mujoco() if theirs else nullcontext():
         times = in_turn([timer.call for timer in timers], repeats, time.process_time).T
     times *= 1e6 / np.array([[timer.columns * timer.period] for timer in timers])
-    medians = np.median(times, axis=1)
-    low, high = np.percentile(times, [25, 75], axis=1)
-    peer = medians[0] if theirs else np.nan
+    medians, spreads = spread(times)
     return [
-        Row(t.scene, t.method, t.columns, t.period, float(a), float((c - b) / a), t.error, float(a / peer))
-        for t, a, b, c in zip(timers, medians, low, high)
+        Row(t.scene, t.method, t.columns, t.period, a, b, t.error, a / medians[0] if theirs else np.nan)
+        for t, a, b in zip(timers, medians, spreads)
     ]

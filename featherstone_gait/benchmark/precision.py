@@ -30,7 +30,6 @@ from .table import TABLE, machine, print_table, save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
 
 ENOUGH, REPEATS, REPEATS_FULL = 0.15, 5, 25  # CPU seconds and runs after which a time is believed
 COLUMNS = ("problem", "integrator", "step_s", "rtol", "error_rad", "error_m", "reference_error", "run_ms_per_s",
@@ -101,9 +100,6 @@ def _row(case: Case, integrator: str, setting: float, exact: np.ndarray, own_err
     )
 
 
-# ---------------------------------------------------------------------------------------------- output
-
-
 def write(path: Path, rows: list[Row], notes: str) -> None:
     """Write the table as CSV, the notes as comments above it."""
     write_table(path, COLUMNS, rows, notes)
@@ -130,52 +126,38 @@ def _read_number(text: str) -> float:
     return value
 
 
-COLORS = {
-    "implicit_euler": "C0",
-    "midpoint": "C2",
-    "rk4": "C1",
-    "simtwo": "C3",
-    "dop853": "C4",
-    "extrapolation": "0.15",
-    "ars343": "C5",
-}
+COLORS = {"implicit_euler": "C0", "midpoint": "C2", "rk4": "C1", "simtwo": "C3", "dop853": "C4",
+           "extrapolation": "0.15", "ars343": "C5"}  # fmt: skip
 
 
 @look()
 def plot(path: Path, rows: list[Row], notes: str = "") -> None:
     """Draw a panel for each problem: time against error, of runs with errors below 1 rad or m."""
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     names = list(dict.fromkeys(row.problem for row in rows))
     columns = min(4, len(names))
     lines = -(-len(names) // columns)
     figure = Figure(figsize=(max(3.3 * columns + 0.3, 8.0), 2.9 * lines + 0.9), layout="constrained")
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
-    for panel, name in zip(panels, names):
-        _panel(panel, [row for row in rows if row.problem == name])
-    for panel in panels[len(names) :]:
-        panel.set_axis_off()
-    for k in range(len(names)):
-        panels[k].set_ylabel("CPU time [ms/s]" if k % columns == 0 else "")
+    for k, panel in enumerate(panels):
+        if k < len(names):
+            _panel(panel, [row for row in rows if row.problem == names[k]])
+            panel.set_ylabel("CPU time [ms/s]" if k % columns == 0 else "")
+        else:
+            panel.set_axis_off()
     used = [name for name in COLORS if any(row.integrator == name for row in rows)]
-    handles = [_line(name) for name in used]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(used))
-    figure.suptitle(
-        "CPU milliseconds per simulated second against error; filled: error control, hollow: fixed steps\n" + notes,
-        fontsize=9,
-    )
+    figure.legend(handles=[Line2D([], [], label=name, **_style(name)) for name in used], loc="outside lower center",
+                  ncols=len(used))  # fmt: skip
+    said = "CPU milliseconds per simulated second against error; filled: error control, hollow: fixed steps"
+    figure.suptitle(f"{said}\n{notes}", fontsize=9)
     save_figure(figure, path)
 
 
 def _style(name: str) -> dict:
     fill = COLORS[name] if INTEGRATORS[name].adaptive else "white"
     return {"color": COLORS[name], "marker": "o", "markersize": 4, "markerfacecolor": fill, "linewidth": 1.2}
-
-
-def _line(name: str) -> Line2D:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], label=name, **_style(name))
 
 
 def _panel(panel: Axes, rows: list[Row]) -> None:

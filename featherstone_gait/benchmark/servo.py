@@ -106,20 +106,14 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
 
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for gearbox, marker in (("standard", "o"), ("rotor", "s"), ("mipsd", "^")):
+    for gearbox, marker in zip(GEARBOXES, "os^"):
         for integrator, color in zip(INTEGRATORS, ("C0", "C1", "C3")):
             rows = [r for r in arm if (r.gearbox, r.integrator) == (gearbox, integrator) and r.variance > 0]
             steps = [1e3 * r.step for r in rows]
             left.loglog(steps, [r.variance for r in rows], marker=marker, color=color)
-    left.legend(
-        [Line2D([], [], color=c) for c in ("C0", "C1", "C3")]
-        + [Line2D([], [], color="0.3", marker=m, linestyle="") for m in "os^"],
-        [*INTEGRATORS, "standard", "rotor", "mipsd"],
-        fontsize=8,
-        loc="center",
-        bbox_to_anchor=(0.73, 0.72),
-        ncols=2,
-    )
+    handles = [Line2D([], [], color=c) for c in ("C0", "C1", "C3")]
+    handles += [Line2D([], [], color="0.3", marker=m, linestyle="") for m in "os^"]
+    left.legend(handles, [*INTEGRATORS, *GEARBOXES], fontsize=8, loc="center", bbox_to_anchor=(0.73, 0.72), ncols=2)
     left.axhline(0.5, color="0.6", linestyle=":")
     left.annotate("chatter", (10.0, 0.5), fontsize=8, ha="right", va="bottom", color="0.4")
     left.set_xticks([1, 5, 10], ["1", "5", "10"])
@@ -138,10 +132,7 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
     right.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     right.yaxis.set_major_formatter("{x:g}")
     right.yaxis.set_minor_formatter("")
-    right.set(
-        xlabel="largest joint error after 0.5 s [rad]",
-        ylabel="CPU time per simulated second [ms]",
-        title="Stiff PD servos, no rotor inertia",
-    )
+    right.set(xlabel="largest joint error after 0.5 s [rad]", ylabel="CPU time per simulated second [ms]")
+    right.set_title("Stiff PD servos, no rotor inertia")
     right.legend()
     save_figure(figure, path)

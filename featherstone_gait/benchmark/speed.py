@@ -37,7 +37,7 @@ from . import repeated
 from .case import Run, deviation, solution
 from .engines import bounded, check_order, disable, in_pinocchio, quick_mujoco, spec_of
 from .scenes import chain, problems
-from .table import in_turn, installed, machine, print_table, save_figure, tabulate, write_table
+from .table import in_turn, installed, machine, print_table, save_figure, spread, tabulate, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -129,12 +129,19 @@ def time_robot(model: Model, repeats: int) -> list[Row]:
     if pinocchio:  # the call from Python is no part of the algorithm
         times[-2] -= times[-1]
         timers, times = timers[:-1], times[:-1]
-    medians = np.median(times, axis=1)
-    low, high = np.percentile(times, [25, 75], axis=1)
-    peer = medians[0] if has_mujoco else np.nan
+    medians, spreads = spread(times)
     return [
-        Row(model.name, len(model.joint_names), t.algorithm, t.width, m, (b - a) / m, t.error, m / peer)
-        for t, m, a, b in zip(timers, medians, low, high)
+        Row(
+            model.name,
+            len(model.joint_names),
+            t.algorithm,
+            t.width,
+            a,
+            b,
+            t.error,
+            a / medians[0] if has_mujoco else np.nan,
+        )
+        for t, a, b in zip(timers, medians, spreads)
     ]
 
 
@@ -205,13 +212,13 @@ def _loop(call: Callable[[], object], count: int) -> Callable[[], None]:
 
 
 def _own_timers(model: Model, x: Question, answer: Answer) -> list[Timer]:
-    forward, inverse = (x.q, x.qd, x.tau), (x.q, x.qd, x.qdd)
+    forward, inverse, still = (x.q, x.qd, x.tau), (x.q, x.qd, x.qdd), (x.q, 0.0 * x.qd, x.qdd)
     return [
         _timer("ABA", SCALARS, repeated.repeat_aba_rows, model, forward, answer.qdd),
         _timer("ABA", LANES, repeated.repeat_aba_lanes, model, forward, answer.qdd),
         _timer("RNEA", SCALARS, repeated.repeat_rnea_rows, model, inverse, answer.tau),
         _timer("RNEA", LANES, repeated.repeat_rnea_lanes, model, inverse, answer.tau),
-        _crba_timer(model, x.q, answer.H),
+        _timer("CRBA", SCALARS, repeated.repeat_crba_rows, model, still, answer.H),
     ]
 
 
@@ -226,30 +233,18 @@ def _timer(
     work = aligned((1, *tree.workspace_shape(), *lanes))
     base = aligned((1, 6, *lanes)) if tree.floating else None
     out = aligned((1, tree.n, *lanes))
-    robot = Robot(tree.bodies, None, np.array(GRAVITY))
-    given: tuple[Motion | np.ndarray | None, ...]
+    robot, moving = Robot(tree.bodies, None, np.array(GRAVITY)), Motion(*bases[:2], None, *joints[:2], None)
+    arguments: tuple = (robot, moving, bases[2], joints[2], None, work, base, out)
     if algorithm == "RNEA":
-        given = (Motion(*bases, *joints),)
-    else:
-        given = (Motion(*bases[:2], None, *joints[:2], None), bases[2], joints[2])
-    arguments = (robot, *given, None, work, base, out)
+        arguments = (robot, Motion(*bases, *joints), None, work, base, out)
+    elif algorithm == "CRBA":
+        base, out = None, np.zeros((1, model.nv, model.nv))
+        arguments = (robot._replace(gravity=np.zeros(3)), moving, work, out)
     kernel(1, *arguments)
     result = np.concatenate([a[0] for a in (base, out) if a is not None])
     error = _error(result[..., -1] if lanes else result, exact)
     count = _passes(model)
     return Timer(algorithm, width, lambda: kernel(count, *arguments), count * (WIDTH if lanes else 1), error)
-
-
-def _crba_timer(model: Model, q: np.ndarray, exact: np.ndarray) -> Timer:
-    tree = compile_tree(model)
-    base = _filled(q[: -tree.n], ()) if tree.floating else None
-    zero6 = np.zeros((1, 6)) if tree.floating else None
-    work, H = aligned((1, *tree.workspace_shape())), np.zeros((1, model.nv, model.nv))
-    still = Motion(base, zero6, None, _filled(q[-tree.n :], ()), np.zeros((1, tree.n)), None)
-    arguments = (Robot(tree.bodies, None, np.zeros(3)), still, work, H)
-    kernel, count = repeated.repeat_crba_rows, _passes(model)
-    kernel(1, *arguments)
-    return Timer("CRBA", SCALARS, lambda: kernel(count, *arguments), count, _error(H[0], exact))
 
 
 def _passes(model: Model) -> int:

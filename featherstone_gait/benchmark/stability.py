@@ -16,8 +16,8 @@ takes hours.  Finished runs are kept beside the table, so a later run continues.
 from __future__ import annotations
 
 import functools
+import json
 import math
-from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -148,16 +148,12 @@ def _study(folder: Path, name: str, joints: int, vary: dict) -> list[Row]:
     fixed = {key: value for key, value in (AX12 | IDEAL).items() if f"servo.{key}" not in vary}
     lines = [f'robot = "arm{joints}.urdf"', 'experiment = "stable_step"', f"duration = {DURATION}"]
     lines += ["[servo]", 'type = "ax12"', *(f"{key} = {value!r}" for key, value in fixed.items())]
-    lines += ["[vary]", *(f"{key} = {_toml(values)}" for key, values in vary.items())]
+    lines += ["[vary]", *(f"{key} = {json.dumps(values)}" for key, values in vary.items())]
     path = folder / f"{name}.toml"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     outcome = run_study(read_study(path), folder, batch=2, progress=True)
     (_, header), *rows = read_csv(outcome.table, TABLE)
     return [_row(joints, dict(zip(header, row))) for _, row in rows]
-
-
-def _toml(values: Iterable[str | float]) -> str:
-    return "[" + ", ".join(f'"{v}"' if isinstance(v, str) else repr(v) for v in values) + "]"
 
 
 def _row(joints: int, row: dict) -> Row:
@@ -180,9 +176,6 @@ def _linear_step(point: Point) -> float:
     return largest(
         lambda h: growth(point.integrator, linear, point.Kp, h, PERIOD) < 1.0, SMALLEST, LARGEST, width=1.001
     )[0]
-
-
-# ---------------------------------------------------------------------------------------------- output
 
 
 def _print_ratios(rows: list[Row]) -> None:

@@ -65,6 +65,12 @@ def in_turn(
     return times[warm:]
 
 
+def spread(times: np.ndarray) -> tuple[list[float], list[float]]:
+    """Return the median of each row (n, repeats), and its quartiles' distance by that."""
+    low, middle, high = np.percentile(times, [25, 50, 75], axis=1)
+    return middle.tolist(), ((high - low) / middle).tolist()
+
+
 def print_table(kind: Any, rows: Iterable[Line]) -> list[Line]:
     """Print rows as they are made, and return them; NaN leaves its cell empty.
 

@@ -203,14 +203,10 @@ def _plot(path: Path, rows: list[Row]) -> None:
     labels = [f"{r.robot}, {r.engine.split(',')[0]}, {r.threads} thread{'s' * (r.threads > 1)}" for r in rows]
     colors = ["C0" if "feather" in r.engine else "0.6" for r in rows]
     bars = axes.barh(range(len(rows)), [r.rate for r in rows], color=colors)
-    axes.bar_label(bars, [f"{r.rate:.0f}, {_label(r)}" for r in rows], padding=3, fontsize=8)
+    ends = [f"±{1e3 * r.error:.2g} mm" if r.upright == 1.0 else f"{r.upright:.0%} upright" for r in rows]
+    axes.bar_label(bars, [f"{r.rate:.0f}, {end}" for r, end in zip(rows, ends)], padding=3, fontsize=8)
     axes.set_yticks(range(len(rows)), labels, fontsize=8)
     axes.invert_yaxis()
     axes.margins(x=0.25)
     axes.set(xlabel=f"rollouts of {DURATION:g} s a second", title=f"Walking humanoid, step {1e3 * STEP:g} ms; error")
     save_figure(figure, path)
-
-
-def _label(row: Row) -> str:
-    """Return the error of the rollouts, or how many of them ended upright."""
-    return f"±{1e3 * row.error:.2g} mm" if row.upright == 1.0 else f"{row.upright:.0%} upright"

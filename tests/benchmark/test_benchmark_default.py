@@ -2,6 +2,7 @@
 
 import math
 import signal
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from test_cli import SLIDER
 from featherstone_gait import compile_scene, load_robot
 from featherstone_gait.benchmark import case as truth
 from featherstone_gait.benchmark import default, default_scenes
-from featherstone_gait.benchmark.limited import Worker, at_most
+from featherstone_gait.benchmark.case import Worker, at_most
 from featherstone_gait.benchmark.robots import published
 
 
@@ -117,7 +118,7 @@ def test_errors_count_only_while_the_reference_is_known(wheel):
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there is no clock that ends a process")
 def test_a_call_that_takes_too_long_ends_alone():
-    with Worker() as worker:
+    with closing(Worker()) as worker:
         assert worker.call(endless) is None
         assert worker.call(math.sqrt, 4.0) == 2.0
 
