@@ -36,7 +36,7 @@ from ..view.style import BLUE, COLORS, ORANGE, look
 from .case import Case, Truth, Worker, at_most, cache_folder, distances, estimate_of, truth, velocities
 from .default_scenes import cases
 from .engines import peer_run
-from .table import machine, print_table, save_figure, write_table
+from .table import machine, print_table, save_figure, subplots, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -233,10 +233,7 @@ def share(count: int, of: int) -> str:
 @look()
 def plot(rows: Sequence[Row], notes: str = "") -> Figure:
     """Draw error against the run's own estimate, and against its cost."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    figure, (left, right) = subplots(11.0, 5.0, 1, 2, sharey=True)
     _scatter(left, rows, "estimate")
     _scatter(right, rows, "ratio")
     ends = np.array([1e-12, 10.0])

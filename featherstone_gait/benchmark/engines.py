@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +26,23 @@ PEER_STEP = 2e-3  # MuJoCo's default [s]
 LONGEST = 10.0  # of a case that MuJoCo runs [s]
 
 
+class Lazy:
+    """An optional package, imported when something of it is first used."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+
+    def __getattr__(self, name: str) -> Any:
+        found = self.__dict__[name] = getattr(import_module(self._module), name)
+        return found
+
+
+mujoco, rollout, pin = Lazy("mujoco"), Lazy("mujoco.rollout"), Lazy("pinocchio")
+
+
 @contextmanager
 def quick_mujoco() -> Iterator[None]:
     """Switch off the clock by which MuJoCo's Python package times every step, and its warnings on the screen."""
-    import mujoco
-
     library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
     clock = ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time") if library else ctypes.c_void_p()
     before, clock.value = clock.value, None
@@ -43,8 +56,6 @@ def quick_mujoco() -> Iterator[None]:
 
 def spec_of(model: Model) -> Any:
     """Read the robot's URDF as a MuJoCo specification, its root kept as a body, free if it floats."""
-    import mujoco
-
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{model.name}.urdf"
         save_robot(model, path)
@@ -65,8 +76,6 @@ def check_order(m: Any, model: Model) -> Any:
 
 def disable(m: Any, *flags: str) -> Any:
     """Disable parts of MuJoCo's dynamics, such as CONTACT or DAMPER; return the robot."""
-    import mujoco
-
     for flag in flags:
         m.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}")
     return m
@@ -74,8 +83,6 @@ def disable(m: Any, *flags: str) -> Any:
 
 def rolled(m: Any, d: Any, steps: int, samples: int, control: np.ndarray | None = None) -> tuple[np.ndarray, float]:
     """Return positions (samples + 1, nq) every so many steps, each sample under a row of control, and CPU time [s]."""
-    import mujoco
-
     path, seconds = [d.qpos.copy()], 0.0
     for k in range(samples):
         if control is not None:
@@ -89,8 +96,6 @@ def rolled(m: Any, d: Any, steps: int, samples: int, control: np.ndarray | None 
 
 def humanoid_of(model: Model) -> Any:
     """Build the humanoid for MuJoCo, with a floor, position servos, and spheres as contacts, which alone collide."""
-    import mujoco
-
     free: dict[str, Any] = {"type": "fixed", "lower": -math.inf, "upper": math.inf}
     joints = tuple(replace(j, **free) if j.name in model.locked else j for j in model.joints)
     moving = {name: model.servos[name] for name in model.joint_names}
@@ -119,8 +124,6 @@ def humanoid_of(model: Model) -> Any:
 
 def standing_on(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
     """Return the full physics state of the robot standing at these angles, its lowest sphere on the floor."""
-    import mujoco
-
     mujoco.mj_resetData(m, d)
     d.qpos[7:] = angles
     d.qpos[2] = 1.0
@@ -145,8 +148,6 @@ def bounded(model: Model) -> Model:
 
 
 def in_pinocchio(model: Model) -> Any:
-    import pinocchio as pin
-
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"
         save_robot(model, path)
@@ -187,8 +188,6 @@ def same_laws(scene: CompiledScene) -> bool:
 
 def model_of(scene: CompiledScene) -> Any:
     """Build the scene's robot for MuJoCo; raise ValueError where MJCF cannot express it."""
-    import mujoco
-
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.xml"
         save_robot(scene.model, path, scene.ground)
@@ -201,8 +200,6 @@ def model_of(scene: CompiledScene) -> Any:
 
 def _rolled(m: Any, case: Case) -> tuple[np.ndarray, float]:
     """Return positions (samples, nq) in this package's order of joints, and the CPU time [s]."""
-    import mujoco
-
     d, base, (q, qd) = mujoco.MjData(m), case.scene.tree.floating, case.coordinates
     joints = [m.joint(name) for name in case.model.joint_names]
     at_q = [*range(7 * base), *(joint.qposadr[0] for joint in joints)]

@@ -32,7 +32,7 @@ from ..robot_file import load_robot
 from ..robot_file.mjcf.write import mjcf_text
 from ..run.simulate import initial_state
 from ..scene.compile import compile_scene
-from .engines import check_order, disable, quick_mujoco
+from .engines import check_order, disable, mujoco, quick_mujoco
 from .table import in_turn, installed, machine, spread, tabulate
 
 REPEATS, REPEATS_FULL = 11, 41
@@ -113,8 +113,6 @@ def _standing(model: Model) -> list[_Timer]:
     """Prepare the humanoid on both soles, held by servos; ours with gearboxes, motors, bristles and ticks."""
     timers = []
     if installed("mujoco"):
-        import mujoco
-
         m, d = _mujoco(model, Ground())
         m.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         d.qpos[2] = trim(compile_scene(model, "mipsd", Ground(), "midpoint", STEP)).q[2]
@@ -136,8 +134,6 @@ def _standing(model: Model) -> list[_Timer]:
 
 
 def _mujoco(model: Model, ground: Ground | None) -> tuple[Any, Any]:
-    import mujoco
-
     m = check_order(mujoco.MjModel.from_xml_string(mjcf_text(model, ground)), model)
     m.opt.timestep = STEP
     return m, mujoco.MjData(m)
@@ -145,8 +141,6 @@ def _mujoco(model: Model, ground: Ground | None) -> tuple[Any, Any]:
 
 def _mujoco_timer(scene: str, m: Any, d: Any, wide: float) -> tuple[_Timer, np.ndarray]:
     """Prepare `mjd_transitionFD`; return it with its extrapolation from two larger widths."""
-    import mujoco
-
     size = 2 * m.nv + m.na
     A, B = np.zeros((size, size)), np.zeros((size, m.nu))
 

@@ -40,13 +40,13 @@ from ..run.reference import Reference
 from ..run.trajectory import positions
 from ..scene.compile import compile_scene
 from ..view.style import look
-from . import speed
+from . import engines, speed
 from .case import Case, Run, case_of, deviation, solution
-from .engines import bounded, disable, humanoid_of, in_pinocchio, quick_mujoco, rolled, spec_of, standing_on
+from .engines import bounded, disable, mujoco, pin, rolled
 from .precision import COLORS, ENOUGH, measure
 from .scenes import STIFF_SERVO, chain, free_arm, humanoids, stiff_arm
 from .servo import settles
-from .table import in_turn, installed, machine, save_figure, tabulate, write_table
+from .table import in_turn, installed, machine, save_figure, subplots, tabulate, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -118,7 +118,7 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
     robots = [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(chain, LENGTHS)]
     bar = tqdm(robots, "forward dynamics", disable=None)
     speeds = [row for model in bar for row in forward_dynamics(model, repeats)]
-    with quick_mujoco():
+    with engines.quick_mujoco():
         speeds += [chain_step(links, repeats) for links in tqdm(LENGTHS, "chains", disable=None)]
         for problem in humanoids():
             speeds += [row for integrator in FIXED for row in _own_steps(problem, integrator, repeats)]
@@ -188,7 +188,7 @@ def _lane_run(problem: Case, run_: Run) -> Callable[[], None]:
 
 def _mujoco_steps(problem: Case, repeats: int) -> list[Speed]:
     """Time steps of MuJoCo's humanoid, its servos' targets renewed every 10 ms as ours are."""
-    m, steps, rows = humanoid_of(problem.model), round(problem.duration / MS), []
+    m, steps, rows = engines.humanoid_of(problem.model), round(problem.duration / MS), []
     for name, integrator in _integrators("Euler", "implicitfast", "discrete"):
         m.opt.integrator = integrator
         start = _mujoco_start(m, problem)
@@ -201,18 +201,14 @@ def _mujoco_steps(problem: Case, repeats: int) -> list[Speed]:
 
 def _integrators(*names: str) -> list[tuple[str, Any]]:
     """Return MuJoCo's integrators of these names; older versions lack some."""
-    import mujoco
-
     kinds = ((name, getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)) for name in names)
     return [(name, kind) for name, kind in kinds if kind is not None]
 
 
 def _mujoco_start(m: Any, problem: Case) -> np.ndarray:
     """Return the state where the measured part begins: standing, or after walking there."""
-    import mujoco
-
     signal = problem.signal
-    state = standing_on(m, mujoco.MjData(m), signal.values[0])
+    state = engines.standing_on(m, mujoco.MjData(m), signal.values[0])
     if signal.times[0] < 0.0:
         earlier = Reference(signal.times - signal.times[0], signal.values)
         state = _mujoco_path(m, problem._replace(duration=-signal.times[0], reference=earlier), state, MS)[2]
@@ -222,8 +218,6 @@ def _mujoco_start(m: Any, problem: Case) -> np.ndarray:
 
 def _mujoco_path(m: Any, problem: Case, state: np.ndarray, h: float) -> tuple[np.ndarray, float, np.ndarray]:
     """Return positions every 10 ms, CPU time [s] and the state at the end."""
-    import mujoco
-
     kind, d, m.opt.timestep = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.MjData(m), h
     mujoco.mj_setState(m, d, state, kind)
     ticks, end, signal = round(problem.duration / 0.01), np.zeros(len(state)), problem.signal
@@ -286,10 +280,8 @@ def mujoco_methods(problem: Case) -> dict[str, Method]:
 
 def _mujoco_arm(problem: Case, servo: str) -> Any:
     """Build the arm for MuJoCo with a servo at each joint; "joint damping" clamps the spring alone."""
-    import mujoco
-
     model = bounded(replace(problem.model, servos={}))
-    spec, position = spec_of(model), int(mujoco.mjtCtrlInput.mjINPUT_POS)
+    spec, position = engines.spec_of(model), int(mujoco.mjtCtrlInput.mjINPUT_POS)
     for name in model.joint_names if servo != "free" else ():
         joint = spec.joint(name)
         joint.armature = ARMATURE if problem.scene.gearbox == "rotor" else 0.0
@@ -307,8 +299,6 @@ def _mujoco_arm(problem: Case, servo: str) -> Any:
 
 
 def _mujoco_solver(m: Any, integrator: Any, duration: float) -> Solver:
-    import mujoco
-
     d = mujoco.MjData(m)
 
     def solve(h: float, q0: np.ndarray) -> tuple[np.ndarray, float]:
@@ -325,11 +315,10 @@ def _mujoco_solver(m: Any, integrator: Any, duration: float) -> Solver:
 
 def scipy_methods(problem: Case) -> dict[str, Method]:
     """Return SciPy's solvers, which call Pinocchio."""
-    import pinocchio as pin
     from scipy.integrate import solve_ivp
 
     model = bounded(replace(problem.model, servos={}))
-    m, n = in_pinocchio(model), len(model.joint_names)
+    m, n = engines.in_pinocchio(model), len(model.joint_names)
     driven = problem.reference is not None
     if problem.scene.gearbox == "rotor":
         m.armature[:] = ARMATURE
@@ -472,11 +461,9 @@ def _print_costs(points: list[Point], problem: str) -> None:
 @look()
 def _plot(path: Path, points: list[Point], notes: str) -> None:
     """Draw a panel for each of the three scenes."""
-    from matplotlib.figure import Figure
-
     problems = list(dict.fromkeys(p.problem for p in points))
-    figure = Figure(figsize=(18.0, 4.5), layout="constrained")
-    for panel, problem in zip(figure.subplots(1, len(problems), squeeze=False)[0], problems):
+    figure, panels = subplots(18.0, 4.5, 1, len(problems), squeeze=False)
+    for panel, problem in zip(panels[0], problems):
         _scene_panel(panel, [p for p in points if p.problem == problem])
     figure.suptitle(notes, fontsize=8)
     save_figure(figure, path)

@@ -26,7 +26,7 @@ from ..run.trajectory import positions
 from ..view.style import look
 from .case import Case, Setting, deviation, solution
 from .scenes import problems
-from .table import TABLE, machine, print_table, save_figure, write_table
+from .table import TABLE, machine, print_table, save_figure, subplots, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,15 +133,13 @@ COLORS = {"implicit_euler": "C0", "midpoint": "C2", "rk4": "C1", "simtwo": "C3",
 @look()
 def plot(path: Path, rows: list[Row], notes: str = "") -> None:
     """Draw a panel for each problem: time against error, of runs with errors below 1 rad or m."""
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     names = list(dict.fromkeys(row.problem for row in rows))
     columns = min(4, len(names))
     lines = -(-len(names) // columns)
-    figure = Figure(figsize=(max(3.3 * columns + 0.3, 8.0), 2.9 * lines + 0.9), layout="constrained")
-    panels = figure.subplots(lines, columns, squeeze=False).ravel()
-    for k, panel in enumerate(panels):
+    figure, panels = subplots(max(3.3 * columns + 0.3, 8.0), 2.9 * lines + 0.9, lines, columns, squeeze=False)
+    for k, panel in enumerate(panels.ravel()):
         if k < len(names):
             _panel(panel, [row for row in rows if row.problem == names[k]])
             panel.set_ylabel("CPU time [ms/s]" if k % columns == 0 else "")

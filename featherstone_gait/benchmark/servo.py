@@ -27,7 +27,7 @@ from ..scene.compile import GearboxKind, compile_scene
 from ..view.style import look
 from .precision import measure
 from .scenes import stiff_arm
-from .table import in_turn, machine, save_figure, tabulate
+from .table import in_turn, machine, save_figure, subplots, tabulate
 
 GEARBOXES: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
 INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")
@@ -100,12 +100,10 @@ def _settling(integrator: str, h: float) -> str:
 
 @look()
 def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.ticker import LogLocator
 
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = subplots(11, 4.2, 1, 2)
     for gearbox, marker in zip(GEARBOXES, "os^"):
         for integrator, color in zip(INTEGRATORS, ("C0", "C1", "C3")):
             rows = [r for r in arm if (r.gearbox, r.integrator) == (gearbox, integrator) and r.variance > 0]

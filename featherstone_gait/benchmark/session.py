@@ -29,7 +29,7 @@ from ..run.reference import Reference
 from ..run.session import Session
 from ..run.simulate import simulate_batch
 from ..scene.compile import CompiledScene, compile_scene
-from .engines import humanoid_of, quick_mujoco, standing_on
+from .engines import humanoid_of, mujoco, quick_mujoco, rollout, standing_on
 from .table import in_turn, installed, machine, tabulate
 
 ROBOTS, TICKS = 64, 100
@@ -153,9 +153,6 @@ def _environments(scene: CompiledScene, turns: int) -> list[Row]:
 
 def _mujoco_environments(scene: CompiledScene, envs: Any, actions: np.ndarray) -> Callable[[], None]:
     """Prepare the same robots in MuJoCo; each rollout holds an action."""
-    import mujoco
-    import mujoco.rollout
-
     m = humanoid_of(scene.model)
     m.opt.timestep = scene.timestep
     data = [mujoco.MjData(m) for _ in range(os.cpu_count() or 1)]
@@ -165,10 +162,10 @@ def _mujoco_environments(scene: CompiledScene, envs: Any, actions: np.ndarray) -
 
     def call() -> None:
         states = begin
-        with mujoco.rollout.Rollout(nthread=len(data)) as rollout:
+        with rollout.Rollout(nthread=len(data)) as pool:
             for action in actions:
                 control = np.repeat(robots.reference(action)[:, None], steps, axis=1)
-                found, _ = rollout.rollout(m, data, initial_state=states, control=control)
+                found, _ = pool.rollout(m, data, initial_state=states, control=control)
                 states = found[:, -1]
 
     return call

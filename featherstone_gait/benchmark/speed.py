@@ -35,9 +35,9 @@ from ..scene.tree import GRAVITY, compile_tree
 from ..view.style import look
 from . import repeated
 from .case import Run, deviation, solution
-from .engines import bounded, check_order, disable, in_pinocchio, quick_mujoco, spec_of
+from .engines import bounded, check_order, disable, in_pinocchio, mujoco, pin, quick_mujoco, spec_of
 from .scenes import chain, problems
-from .table import in_turn, installed, machine, print_table, save_figure, spread, tabulate, write_table
+from .table import in_turn, installed, machine, print_table, save_figure, spread, subplots, tabulate, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -167,8 +167,6 @@ def _own_answer(model: Model, x: Question) -> Answer:
 
 def _mujoco(model: Model, x: Question) -> tuple[list[Timer], Answer]:
     """Prepare `mj_forward` on the same URDF; return it with MuJoCo's results."""
-    import mujoco
-
     m = disable(check_order(spec_of(model).compile(), model), "CONTACT", "CONSTRAINT", "DAMPER")
     d = mujoco.MjData(m)
     d.qpos[:], d.qvel[:], d.qacc[:] = x.q, x.qd, x.qdd  # depth first, which is the order of these robots' files
@@ -184,8 +182,6 @@ def _mujoco(model: Model, x: Question) -> tuple[list[Timer], Answer]:
 
 def _pinocchio(model: Model, x: Question, exact: np.ndarray) -> list[Timer]:
     """Prepare `aba`, whose error is that of the joints' accelerations, and the call with a robot of no joints."""
-    import pinocchio as pin
-
     m, none = in_pinocchio(bounded(model)), pin.Model()
     d, empty, zero = m.createData(), none.createData(), np.zeros(0)
     n = len(model.joint_names)
@@ -304,10 +300,7 @@ STYLES = {
 @look()
 def _plot(rows: list[Row], machine: str, path: Path) -> None:
     """Draw time and error against the length of the chains."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 4.8), layout="constrained")
-    times, errors = figure.subplots(1, 2)
+    figure, (times, errors) = subplots(11, 4.8, 1, 2)
     chains = [row for row in rows if row.robot.startswith("chain")]
     _lines(times, chains, "time")
     times.set(ylabel="time per call and robot [us]", title="Chains: time")

@@ -34,7 +34,7 @@ from ..study.table import TABLE
 from ..view.style import COLORS as LOOK_COLORS
 from ..view.style import look
 from .linear_stability import growth, linearized
-from .table import machine, save_figure, tabulate
+from .table import machine, save_figure, subplots, tabulate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -197,10 +197,7 @@ TITLES = {"standard": "standard: no rotor", "rotor": "rotor, rigid gearbox", "mi
 @look()
 def _plot(path: Path, rows: list[Row]) -> None:
     """Draw a row for each gearbox model, a column for each quantity."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 8.0), layout="constrained")
-    panels = figure.subplots(len(GEARBOXES), len(SWEPT), sharey=True, sharex="col")
+    figure, panels = subplots(11.0, 8.0, len(GEARBOXES), len(SWEPT), sharey=True, sharex="col")
     for line, gearbox in zip(panels, GEARBOXES):
         for panel, swept in zip(line, SWEPT):
             if (gearbox, swept) == ("standard", "rotor_inertia"):

@@ -28,7 +28,7 @@ from ..run.trajectory import positions
 from ..view.style import look
 from .case import Case, agreed, distances, estimate_of
 from .scenes import stressed
-from .table import machine, save_figure, tabulate
+from .table import machine, save_figure, subplots, tabulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,7 +85,6 @@ def judged(case: Case) -> list[Row]:
 def plot(rows: list[Row], notes: str = "") -> Figure:
     """Draw a cell for each run: cases down, integrators and steps across."""
     from matplotlib.colors import ListedColormap
-    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
     names = list(dict.fromkeys(row.case for row in rows))
@@ -95,8 +94,7 @@ def plot(rows: list[Row], notes: str = "") -> Figure:
     for row in rows:
         column = next(k for k, c in enumerate(columns) if str(c[1:]) == str((row.integrator, row.step)))
         cells[names.index(row.case), column] = kinds.index(row.verdict)
-    figure = Figure(figsize=(11.0, 1.8 + 0.33 * len(names)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(11.0, 1.8 + 0.33 * len(names))
     axes.pcolormesh(cells, cmap=ListedColormap(list(COLORS.values())), vmin=-0.5, vmax=len(kinds) - 0.5,
                     edgecolors="white", linewidth=1.5)  # fmt: skip
     labels = [name if math.isnan(step) else f"{name}\n{1e3 * step:g} ms" for _, name, step in columns]

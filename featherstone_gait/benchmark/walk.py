@@ -35,8 +35,8 @@ from ..run.simulate import simulate_batch, simulate_stream, standing_state
 from ..run.trajectory import Trajectory
 from ..scene.compile import compile_scene
 from ..view.style import look
-from .engines import humanoid_of, quick_mujoco, standing_on
-from .table import in_turn, installed, machine, save_figure, tabulate
+from .engines import humanoid_of, mujoco, quick_mujoco, rollout, standing_on
+from .table import in_turn, installed, machine, save_figure, subplots, tabulate
 
 Paths = dict[float, list[np.ndarray | None]]  # of the trunk by step [s]; None of those that fell
 
@@ -166,9 +166,6 @@ def _rows(name: str, engine: str, count: int, rollouts: Callable[[float, int], f
 
 
 def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequence[np.ndarray]) -> list[Row]:
-    import mujoco
-    import mujoco.rollout
-
     spec_model = humanoid_of(model)
     paths: Paths = {}
     data = [mujoco.MjData(spec_model) for _ in range(2)]
@@ -179,7 +176,7 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
         at = h * np.arange(steps)
         control = np.stack([np.stack([np.interp(at, times, c) for c in r.T], axis=1) for r in references])
         begin = standing_on(spec_model, data[0], references[0][0])
-        states, _ = mujoco.rollout.rollout(
+        states, _ = rollout.rollout(
             spec_model,
             data[:threads],
             initial_state=np.repeat(begin[None], len(references), axis=0),
@@ -196,10 +193,7 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
 
 @look()
 def _plot(path: Path, rows: list[Row]) -> None:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7, 0.4 * len(rows) + 1.0), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(7, 0.4 * len(rows) + 1.0)
     labels = [f"{r.robot}, {r.engine.split(',')[0]}, {r.threads} thread{'s' * (r.threads > 1)}" for r in rows]
     colors = ["C0" if "feather" in r.engine else "0.6" for r in rows]
     bars = axes.barh(range(len(rows)), [r.rate for r in rows], color=colors)

@@ -7,18 +7,18 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
+from ..benchmark.table import subplots as subplots
 from ..model import Model
 from ..view.style import BLUE, COLORS, ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -46,14 +46,6 @@ def in_threads(
     todo = list(items)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(tqdm(pool.map(function, todo), label, len(todo), disable=not progress, unit=unit))
-
-
-def subplots(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
-    """Make a figure [inch] and its axes, as `matplotlib.pyplot.subplots` does."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, **options)
 
 
 def draw_band(axes: Axes, x: ArrayLike, curves: Sequence[np.ndarray] | np.ndarray, color: str, label: str) -> None:
