@@ -10,7 +10,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from .files import claim
+from .files import claim, parse_json
 
 REMEDY = "delete this line and all below to resume before it"
 _log = logging.getLogger(__name__)
@@ -19,22 +19,39 @@ _log = logging.getLogger(__name__)
 class LineFile:
     """A file of JSON lines, which one process at a time writes: a line is written whole or not at all.
 
-    `lines` holds those that were complete when it was opened, unless `take` is given, which is called with the number,
-    the place in the file and the text of each; a last line that was cut off is dropped.  `remedy` is what to do about a
-    damaged file.
+    An old file is read when it is opened: `check` is called with the content of its first line and with its name for
+    messages, `take` with those of each of the others and the line's place in the file; a last line that was cut off is
+    dropped.  A new file begins with the line `header`.  `remedy` is what to do about a damaged file.
     """
 
     def __init__(
-        self, path: Path, resume: bool, remedy: str = REMEDY, take: Callable[[int, int, bytes], None] | None = None
-    ) -> None:
-        self.path, self.lines = path, list[bytes]()
+        self, path: Path, resume: bool, header: dict[str, Any], check: Callable[[dict[str, Any], str], object],
+        take: Callable[[dict[str, Any], str, int], object], remedy: str = REMEDY
+    ) -> None:  # fmt: skip
+        self.path = path
         try:
             self._file = path.open("a+b" if resume else "x+b", buffering=0)
         except FileExistsError as error:
             raise FileExistsError(f"{path} exists; pass resume=True to continue it, or another file name") from error
         try:
             claim(self._file, path)
-            self._read(take or (lambda number, place, line: self.lines.append(line)), remedy)
+            self._file.seek(0)
+            place = 0
+            with open(self._file.fileno(), "rb", closefd=False) as file:
+                for number, line in enumerate(file, start=1):
+                    what = f"{path}, line {number}"
+                    if not line.endswith(b"\n"):
+                        if not line.startswith(b"{"):
+                            raise ValueError(f"{what}: damaged; {remedy}")
+                        _log.warning("%s: dropped the last line, which was cut off", path)
+                        self._file.truncate(place)
+                    elif number == 1:
+                        check(parse_json(line, what, remedy), what)
+                    else:
+                        take(parse_json(line, what, remedy), what, place)
+                    place += len(line)
+            if self._file.seek(0, os.SEEK_END) == 0:
+                self.write(header)
         except BaseException:
             self._file.close()
             raise
@@ -64,17 +81,3 @@ class LineFile:
         """Sync and close."""
         with self._file:
             self.sync()
-
-    def _read(self, take: Callable[[int, int, bytes], None], remedy: str) -> None:
-        self._file.seek(0)
-        place = 0
-        with open(self._file.fileno(), "rb", closefd=False) as file:
-            for number, line in enumerate(file, start=1):
-                if line.endswith(b"\n"):
-                    take(number, place, line[:-1])
-                elif line.startswith(b"{"):
-                    _log.warning("%s: dropped the last line, which was cut off", self.path)
-                    self._file.truncate(place)
-                else:
-                    raise ValueError(f"{self.path}, line {number}: damaged; {remedy}")
-                place += len(line)

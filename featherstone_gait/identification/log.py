@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TypedDict
 
 from ..base.arguments import path as path_of
-from ..base.files import FilePath, Format, is_number, parse_json
+from ..base.files import FilePath, Format, is_number
 from ..base.line_file import LineFile
 
 LOG = Format("servo fit log")
@@ -42,11 +42,10 @@ class FitLog:
     """
 
     def __init__(self, path: FilePath) -> None:
-        self.path, self._begun = path_of("path", path), False
+        self.path = path_of("path", path)
         self._rounds: dict[str, FitRound] = {}
-        self._file = LineFile(self.path, resume=True, remedy=REMEDY, take=self._take)
-        if not self._begun:
-            self._file.write({"format": str(LOG)})
+        check = lambda content, _: LOG.check(self.path, content.get("format", ""))  # noqa: E731
+        self._file = LineFile(self.path, True, {"format": str(LOG)}, check, self._take, REMEDY)
 
     def __enter__(self) -> FitLog:
         return self
@@ -64,13 +63,7 @@ class FitLog:
         self._file.sync()
         self._rounds[key] = row
 
-    def _take(self, number: int, _: int, line: bytes) -> None:
-        what = f"{self.path}, line {number}"
-        content = parse_json(line, what, REMEDY)
-        if number == 1:
-            LOG.check(self.path, content.get("format", ""))
-            self._begun = True
-            return
+    def _take(self, content: dict, what: str, _: int) -> None:
         key, x = content.pop("fit", None), content.get("x")
         whole = isinstance(key, str) and content.keys() == FitRound.__annotations__.keys()
         if not whole or not isinstance(x, list) or not all(map(is_number, [*x, content["round"], content["seconds"]])):

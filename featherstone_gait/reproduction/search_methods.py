@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from scipy import optimize
 
 from ..base.arguments import real, truth, whole
-from ..search.generations import MOST, Generations, Method, check_finite, check_start
+from ..search.ask_tell import check_start
+from ..search.generations import MOST, Generations, Method
 
 POPULATION = 50  # SciPy's 15 D are 600 evaluations a generation for a gait of forty angles
 Evaluate = Callable[[Sequence[np.ndarray]], list[float]]
@@ -38,8 +39,7 @@ def differential_evolution(
     """
     if amplitude is None:
         raise ValueError("amplitude is None; give how far from x0 the first are to be, a number or (D,)")
-    x0, box = check_start(x0, bounds, amplitude)
-    check_finite(box, "differential evolution")
+    x0, box = _check_start("differential evolution", x0, bounds, amplitude)
     population = whole("population", population, 5, "there is too little to take differences of below", MOST)
     seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     rng = np.random.Generator(np.random.PCG64(seed))
@@ -67,8 +67,7 @@ def dual_annealing(
     its impacts is not.  A start whose cost is not finite is left by wandering until one is.  Raises ValueError for
     bounds that are not finite or do not hold x0.
     """
-    x0, box = check_start(x0, bounds)
-    check_finite(box, "dual annealing")
+    x0, box = _check_start("dual annealing", x0, bounds)
     seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     initial_temp = real("initial_temp", initial_temp, 0.01, 5e4, "SciPy's range; 5230 is usual")
     local_search = truth("local_search", local_search)
@@ -80,6 +79,18 @@ def dual_annealing(
         )  # fmt: skip
 
     return Generations(inverted(minimize), x0)
+
+
+def _check_start(
+    method: str, x0: ArrayLike, bounds: ArrayLike | None, amplitude: ArrayLike | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Check as `check_start`; raise ValueError too unless all `bounds` (D, 2) are finite."""
+    x0, bounds = check_start(x0, bounds, amplitude)
+    infinite = ~np.isfinite(bounds).all(axis=1)
+    if infinite.any():
+        i = int(infinite.argmax())
+        raise ValueError(f"{method} draws from the whole box: bounds[{i}] = {bounds[i].tolist()} must be finite")
+    return x0, bounds
 
 
 def inverted(minimize: Callable[[Evaluate], None]) -> Method:

@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from featherstone_gait.base.arguments import floats, is_whole, shown
+from featherstone_gait.search.ask_tell import AskTell, check_start
 
 SEEDS = 2**128  # of Philox
 REHEATED = 0.1  # miss count after max_miss misses (figure 14)
@@ -54,7 +55,7 @@ class Visit(NamedTuple):
     accepted: bool
 
 
-class AdaptiveSimulatedAnnealing:
+class AdaptiveSimulatedAnnealing(AskTell):
     """Adaptive simulated annealing as an ask-and-tell search, one candidate or a speculative batch at a time.
 
     Candidates beyond a bound are reflected at it: clipping would collect them on the bounds, where half of all later
@@ -100,10 +101,15 @@ class AdaptiveSimulatedAnnealing:
         bounds: ArrayLike | None = None,
         seed: int = 0,
     ) -> None:
-        self.x0, self.amplitude = np.array(floats("x0", x0)), np.array(floats("amplitude", amplitude))
-        self.bounds = None if bounds is None else np.array(floats("bounds", bounds))
+        self.x0, box = check_start(x0, bounds, amplitude, room=False)
+        self.bounds = None if bounds is None else box
+        self.amplitude = np.array(np.broadcast_to(floats("amplitude", amplitude), self.x0.shape))
         self.max_miss, self.max_iterations, self.no_progress, self.seed = max_miss, max_iterations, no_progress, seed
-        self._check()
+        for name, least in (("max_miss", 2), ("max_iterations", 0), ("no_progress", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if not is_whole(value) or not least <= value < SEEDS:
+                raise ValueError(f"{name} = {shown(value)} must be a whole number >= {least} and below 2**128")
+            setattr(self, name, int(value))
         self.best_x, self.best_f = self.x0.copy(), np.inf
         self.iteration = 0  # of the next candidate; 0 is x0
         self.miss = 1.0
@@ -136,10 +142,6 @@ class AdaptiveSimulatedAnnealing:
             return iteration + 1, 1.0, 0
         return iteration + 1, REHEATED if miss + 1.0 >= self.max_miss else miss + 1.0, since_progress + 1
 
-    def ask(self) -> np.ndarray:
-        """Return the next candidate (D,).  Raises RuntimeError when the search is over."""
-        return self.ask_batch(1)[0]
-
     def ask_batch(self, k: int) -> list[np.ndarray]:
         """Return up to `k` next candidates as they will be if all miss; fewer if the search would end before."""
         if self.status is not None:
@@ -150,22 +152,13 @@ class AdaptiveSimulatedAnnealing:
             place = self.after(*place, False)
         return [x.copy() for x in self._asked]
 
-    def tell(self, x: ArrayLike, f: float) -> bool:
-        """Take the cost `f` of the candidate `x` that `ask` returned; return whether it is the new best."""
-        if len(self._asked) != 1 or not np.array_equal(x, self._asked[0]):
-            raise ValueError("tell: x is not the candidate that was asked for; ask first and tell it unchanged")
-        return self._visit(self._asked.pop(), f)
-
     def tell_batch(self, fs: Sequence[float]) -> int:
         """Take the costs of the candidates of `ask_batch`, up to the first improvement; return how many were taken.
 
         The others were drawn around a state that is no longer the best; they are dropped and counted as wasted.
         Raises ValueError unless there is one cost a candidate.
         """
-        if len(fs) != len(self._asked) or not self._asked:
-            raise ValueError(f"tell_batch: {len(fs)} costs for {len(self._asked)} candidates asked for")
-        asked, self._asked = self._asked, []
-        taken = 0
+        asked, taken = self._told(fs), 0
         for x, f in zip(asked, fs):
             first = self.iteration == 0
             better = self._visit(x, f)
@@ -174,30 +167,6 @@ class AdaptiveSimulatedAnnealing:
                 break
         self.wasted += len(asked) - taken
         return taken
-
-    def _check(self) -> None:
-        if self.x0.ndim != 1 or not len(self.x0) or not np.isfinite(self.x0).all():
-            raise ValueError(f"x0 must be a finite (D,) array with D > 0, got shape {self.x0.shape}")
-        if self.amplitude.shape not in ((), self.x0.shape):
-            raise ValueError(f"amplitude must be a number or {self.x0.shape}, got shape {self.amplitude.shape}")
-        self.amplitude = np.array(np.broadcast_to(self.amplitude, self.x0.shape))
-        if not (np.isfinite(self.amplitude) & (self.amplitude > 0)).all():
-            raise ValueError(f"amplitude must be finite and > 0, got {self.amplitude}")
-        for name, least in (("max_miss", 2), ("max_iterations", 0), ("no_progress", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if not is_whole(value) or not least <= value < SEEDS:
-                raise ValueError(f"{name} = {shown(value)} must be a whole number >= {least} and below 2**128")
-            setattr(self, name, int(value))
-        if self.seed >= 2**128:
-            raise ValueError(f"seed = {self.seed} must be a whole number below 2**128")
-        if self.bounds is None:
-            return
-        if self.bounds.shape != (len(self.x0), 2):
-            raise ValueError(f"bounds must be ({len(self.x0)}, 2) as x0 is, got {self.bounds.shape}")
-        outside = ~((self.bounds[:, 0] <= self.x0) & (self.x0 <= self.bounds[:, 1]))
-        if outside.any():
-            i = int(outside.argmax())
-            raise ValueError(f"x0[{i}] = {self.x0[i]} lies outside its bounds {self.bounds[i, 0]}..{self.bounds[i, 1]}")
 
     def _visit(self, x: np.ndarray, f: float) -> bool:
         better = bool(np.isfinite(f) and f < self.best_f)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from featherstone_gait.base.files import is_number, parse_json
+from featherstone_gait.base.files import is_number
 from featherstone_gait.base.line_file import REMEDY, LineFile
 from featherstone_gait.search.annealing import MESSAGES, AdaptiveSimulatedAnnealing, Visit
 
@@ -20,19 +20,8 @@ class AnnealingHistory:
     """The visits of an annealing search as JSON lines: a header with the settings, then a line a visit."""
 
     def __init__(self, path: Path, search: AdaptiveSimulatedAnnealing, resume: bool) -> None:
-        header, self._synced = _header(search), time.monotonic()
-        self._file = LineFile(path, resume)
-        try:
-            lines = self._file.lines
-            if lines:
-                _check_header(path, lines[0], header)
-            for number, line in enumerate(lines[1:], start=2):
-                _replay(path, number, line, search)
-            if not lines:
-                self._file.write(header)
-        except BaseException:
-            self._file.close()
-            raise
+        self._search, self._header, self._synced = search, _header(search), time.monotonic()
+        self._file = LineFile(path, resume, self._header, self._check, self._replay)
         self.close = self._file.close
 
     def write(self, visits: Iterable[Visit], statuses: Iterable[str]) -> None:
@@ -42,6 +31,40 @@ class AnnealingHistory:
         if time.monotonic() - self._synced > SYNC_INTERVAL:
             self._file.sync()
             self._synced = time.monotonic()
+
+    def _check(self, found: dict[str, Any], what: str) -> None:
+        expected = self._header
+        if is_number(found.get("version")) and found["version"] > expected["version"]:
+            raise ValueError(
+                f"{what}: the history's format is {found['version']}, of a newer version, and this one reads 1 to "
+                f"{expected['version']}; resume with the version that began it, or take another file name"
+            )
+        for key in expected:
+            if key not in ("max_iterations", "no_progress") and found.get(key) != expected[key]:
+                raise ValueError(
+                    f"{what}: the history's {key} is {found.get(key)}, but this search has {expected[key]}; "
+                    "resume with the settings it was begun with, or take another file name"
+                )
+
+    def _replay(self, content: dict[str, Any], what: str, _: int) -> None:
+        """Repeat a visit of the history, which must be the search's own next one."""
+        search = self._search
+        if search.status is not None:
+            raise ValueError(
+                f"{what}: the history is longer than this search may be ({MESSAGES[search.status]}); "
+                "raise that setting, or take another file name"
+            )
+        x, f, text = search.ask(), content.get("f"), content.get("status")
+        if content.get("iteration") != search.iteration or content.get("x") != x.tolist():
+            wrong = f"not iteration {search.iteration} of this search; lines are missing or changed"
+        elif not (f is None or is_number(f)) or not isinstance(text, str) or not text:
+            wrong = f"f is {f!r}, status {text!r}; expected a finite number or null, and a text"
+        else:
+            search.tell(x, np.inf if f is None else f)
+            if content == _content(search.visited[-1], text):
+                return
+            wrong = f"not what this search makes of a cost of {f}"
+        raise ValueError(f"{what}: {wrong}; {REMEDY}")
 
 
 def _content(visit: Visit, text: str) -> dict[str, Any]:
@@ -59,54 +82,13 @@ def _content(visit: Visit, text: str) -> dict[str, Any]:
 
 def _header(search: AdaptiveSimulatedAnnealing) -> dict[str, Any]:
     """Return the settings as JSON will give them back; infinite bounds as text, for which JSON has no number."""
-    bounds = None if search.bounds is None else [[_number(b) for b in pair] for pair in search.bounds.tolist()]
+    number = lambda value: value if np.isfinite(value) else str(value)  # noqa: E731
+    bounds = None if search.bounds is None else [[number(b) for b in pair] for pair in search.bounds.tolist()]
     return {
         "search": "adaptive simulated annealing",
         "version": 1,
-        "seed": int(search.seed),
-        "max_miss": int(search.max_miss),
-        "max_iterations": int(search.max_iterations),
-        "no_progress": int(search.no_progress),
+        **{name: getattr(search, name) for name in ("seed", "max_miss", "max_iterations", "no_progress")},
         "amplitude": search.amplitude.tolist(),
         "bounds": bounds,
         "x0": search.x0.tolist(),
     }
-
-
-def _number(value: float) -> float | str:
-    return value if np.isfinite(value) else str(value)
-
-
-def _check_header(path: Path, line: bytes, expected: dict[str, Any]) -> None:
-    found = parse_json(line, f"{path}, line 1", REMEDY)
-    if is_number(found.get("version")) and found["version"] > expected["version"]:
-        raise ValueError(
-            f"{path}, line 1: the history's format is {found['version']}, of a newer version, and this one reads 1 to "
-            f"{expected['version']}; resume with the version that began it, or take another file name"
-        )
-    for key in expected:
-        if key not in ("max_iterations", "no_progress") and found.get(key) != expected[key]:
-            raise ValueError(
-                f"{path}, line 1: the history's {key} is {found.get(key)}, but this search has {expected[key]}; "
-                "resume with the settings it was begun with, or take another file name"
-            )
-
-
-def _replay(path: Path, number: int, line: bytes, search: AdaptiveSimulatedAnnealing) -> None:
-    """Repeat a visit of the history, which must be the search's own next one."""
-    content = parse_json(line, f"{path}, line {number}", REMEDY)
-    if search.status is not None:
-        raise ValueError(
-            f"{path}, line {number}: the history is longer than this search may be ({MESSAGES[search.status]}); "
-            "raise that setting, or take another file name"
-        )
-    x, f, text = search.ask(), content.get("f"), content.get("status")
-    if content.get("iteration") != search.iteration or content.get("x") != x.tolist():
-        what = f"not iteration {search.iteration} of this search; lines are missing or changed"
-        raise ValueError(f"{path}, line {number}: {what}; {REMEDY}")
-    if not (f is None or is_number(f)) or not isinstance(text, str) or not text:
-        what = f"f is {f!r}, status {text!r}; expected a finite number or null, and a text"
-        raise ValueError(f"{path}, line {number}: {what}; {REMEDY}")
-    search.tell(x, np.inf if f is None else f)
-    if content != _content(search.visited[-1], text):
-        raise ValueError(f"{path}, line {number}: not what this search makes of a cost of {f}; {REMEDY}")

@@ -183,13 +183,11 @@ class Log:
     """The finished runs on disk; `places` (runs,) are the offsets of their lines, -1 for missing runs."""
 
     def __init__(self, path: Path, study: Study) -> None:
-        self.path, self._begun = path, False
+        self.path = path
         self.places = np.full(len(study), -1, np.int64)
         self.texts, self.numbers = ("status", "message"), tuple(COLUMNS[study.setup.experiment])
         self._header = {"format": str(LOG), "study": "featherstone_gait", "runs": len(study), **study.settings}
-        self._file = LineFile(path, resume=True, remedy=REMEDY, take=self._take)
-        if not self._begun:
-            self._file.write(self._header)
+        self._file = LineFile(path, True, self._header, self._check, self._take, REMEDY)
 
     def __enter__(self) -> Log:
         return self
@@ -220,27 +218,26 @@ class Log:
             for run, place in enumerate(self.places.tolist()):
                 file.seek(place)
                 remedy = f"something else has written into it: {REMEDY}"
-                row = self._row(file.readline(), f"{self.path}, run {run}", remedy)
+                what = f"{self.path}, run {run}"
+                row = self._row(parse_json(file.readline(), what, remedy), what, remedy)
                 if row["run"] != run:
                     raise ValueError(f"{self.path}, run {run}: damaged; {remedy} (found run {row['run']})")
                 yield row
 
-    def _take(self, number: int, place: int, line: bytes) -> None:
-        if number == 1:
-            found, self._begun = parse_json(line, f"{self.path}, line 1", REMEDY), True
-            LOG.check(self.path, found.get("format"))
-            for key, value in self._header.items():
-                if found.get(key) != value and key != "format":
-                    raise ValueError(
-                        f"{self.path}: was begun with {key} = {shown(found.get(key))}, but this study has "
-                        f"{shown(value)}; delete the file to begin anew, or choose another folder"
-                    )
-        else:
-            self.places[self._row(line, f"{self.path}, line {number}", REMEDY)["run"]] = place
+    def _check(self, found: dict[str, Any], _: str) -> None:
+        LOG.check(self.path, found.get("format"))
+        for key, value in self._header.items():
+            if found.get(key) != value and key != "format":
+                raise ValueError(
+                    f"{self.path}: was begun with {key} = {shown(found.get(key))}, but this study has "
+                    f"{shown(value)}; delete the file to begin anew, or choose another folder"
+                )
 
-    def _row(self, line: bytes, what: str, remedy: str) -> dict[str, Any]:
-        """Read the row in a line.  Raises ValueError unless it belongs to this study."""
-        row = parse_json(line, what, remedy)
+    def _take(self, row: dict[str, Any], what: str, place: int) -> None:
+        self.places[self._row(row, what, REMEDY)["run"]] = place
+
+    def _row(self, row: dict[str, Any], what: str, remedy: str) -> dict[str, Any]:
+        """Return a row.  Raises ValueError unless it belongs to this study."""
         whole = row.keys() == {"run", *self.texts, *self.numbers}
         if whole and type(row["run"]) is int and 0 <= row["run"] < len(self.places):
             numbers = (row[name] is None or is_number(row[name]) for name in self.numbers)

@@ -34,7 +34,6 @@ from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
 from ..base.arguments import instance, whole
-from ..base.files import parse_json
 from ..base.fixed_order import applied, product, solve, total
 from ..base.line_file import LineFile
 from ..run.simulate import simulate_batch, standing_state
@@ -334,20 +333,14 @@ class _History:
 
     def __init__(self, path: str | os.PathLike[str] | None, header: dict[str, Any], resume: bool) -> None:
         self.lines: list[dict[str, Any]] = []  # of the start and the steps that were made before
-        self._file = None if path is None else LineFile(Path(path), resume)
-        if self._file is None:
-            return
         remedy = "resume with the settings it was begun with, or delete it"
-        try:
-            found = [parse_json(line, f"{path}, line {k}", remedy) for k, line in enumerate(self._file.lines, start=1)]
-            if found and found[0] != header:
-                raise ValueError(f"{path}, line 1: the history is of another search; {remedy}")
-            self.lines = found[1:]
-            if not found:
-                self._file.write(header)
-        except BaseException:
-            self._file.close()
-            raise
+
+        def check(found: dict[str, Any], what: str) -> None:
+            if found != header:
+                raise ValueError(f"{what}: the history is of another search; {remedy}")
+
+        take = lambda content, *_: self.lines.append(content)  # noqa: E731
+        self._file = None if path is None else LineFile(Path(path), resume, header, check, take, remedy)
 
     def x(self, k: int) -> np.ndarray:
         """Return the gait that step k ended with."""
