@@ -37,9 +37,8 @@ from featherstone_gait.walking.preview_control import (
     ComPlan,
     check_settings,
     cost_to_go,
-    feedback,
+    gains,
     preview_sum,
-    round_to,
     zmp_reference,
 )
 
@@ -66,14 +65,7 @@ def auxiliary_zmp_controller(
     N = check_settings(N, T=T, z_c=z_c, Q=Q, R=R, g=g)
     A, b = _pendulum(T, np.sqrt(g / z_c))
     P = cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T, np.diag([Q, Q, Q * z_c / g]))
-    K, s = feedback(A, b, P, R)
-    closed = A - b[:, None] * K
-    preview, X = np.empty(N), np.array([Q, 0.0, 0.0])
-    for j in range(N):
-        preview[j] = total(b * X) / s
-        X = applied(closed.T, X)
-    K = np.array([round_to(k, abs(k)) for k in K])
-    preview = round_to(preview, np.abs(preview).max())
+    K, preview = gains(A, b, P, R, N, np.array([Q, 0.0, 0.0]))
     preview[-1] += K[0] + K[1] - total(preview)
     return AuxiliaryZmpController(T, A, b, K, preview)
 

@@ -283,6 +283,25 @@ def measured(
     return Measures(status, strides, duration, energy, ahead, sideways, slid, weight)
 
 
+def walk_runs(
+    scenes: Sequence[CompiledScene],
+    duration: float,
+    references: Sequence[Reference],
+    offsets: ArrayLike = 0.0,
+    **how: Any,
+) -> list[Trajectory]:
+    """Simulate references from standing, each in its scene.
+
+    offsets (n, nj) [rad]: of the first postures; how: of `simulate_batch`; errors are not estimated by default.
+    """
+    angles = [reference.values[0] for reference in references]
+    states = [
+        standing_state(scene, first + off, allow_limit_violation=True)
+        for scene, first, off in zip(scenes, angles, np.broadcast_to(offsets, np.shape(angles)))
+    ]
+    return simulate_batch(scenes, duration, states, references, **{"estimate_error": False} | how)
+
+
 def window_of(run: Trajectory, start: float, end: float) -> slice:
     """Return the samples of a run from `start` to `end` [s], to within one sample."""
     first, last = np.searchsorted(run["time"], [start - 1e-9, end - 1e-9])

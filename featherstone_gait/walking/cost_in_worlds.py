@@ -28,12 +28,12 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import floats, instance, listed, real, whole
 from ..run.reference import Reference
-from ..run.simulate import simulate_batch, simulate_stream, standing_state
+from ..run.simulate import simulate_stream, standing_state
 from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..run.worlds import Worlds
 from ..scene.compile import CompiledScene
-from .cost import Measures, WalkingCost, measured
+from .cost import Measures, WalkingCost, measured, walk_runs
 from .feedback import BalancedWalk
 from .gait import TICK, Gait
 
@@ -116,11 +116,10 @@ class CostInWorlds:
         signals = [
             one.reference(strides) if isinstance(one, BalancedWalk) else cost.reference(one, strides) for one in given
         ]
-        states = [self.standing(signal.values[0], k) for signal in signals for k in range(n)]
         acts = [walk.controller(scene, k) for walk in walks for k, scene in enumerate(self.scenes)]
-        runs = simulate_batch(
-            [*self.scenes] * len(signals), cost.end, states, [signal for signal in signals for _ in range(n)],
-            record=RECORD, record_interval=TICK, estimate_error=False, controller=acts or None,
+        runs = walk_runs(
+            [*self.scenes] * len(signals), cost.end, [signal for signal in signals for _ in range(n)],
+            [*self.offsets] * len(signals), record=RECORD, record_interval=TICK, controller=acts or None,
         )  # fmt: skip
         found = [self._measured(run, k % n) for k, run in enumerate(runs)]
         return [found[first : first + n] for first in range(0, len(found), n)]
@@ -146,10 +145,8 @@ class CostInWorlds:
 
     def _measured(self, run: Trajectory, k: int) -> Measures:
         """Measure a run; speeds that chatter on a stiff floor are no fall unless `strict`: a finer step decides."""
-        cost, scene = self.cost, self.scenes[k]
-        if run.status == "chatter" and not self.strict:
-            run = dataclasses.replace(run, status=Status.OK, message="")
-        return measured(scene, run, cost.mark, cost.end, cost.strides, slip=False)
+        cost, run = self.cost, run if self.strict else with_chatter(run)
+        return measured(self.scenes[k], run, cost.mark, cost.end, cost.strides, slip=False)
 
     def verified(self, x: ArrayLike) -> tuple[float, float]:
         """Return the share of the worlds in which a gait walks, and its combined cost in these [J/m]."""
@@ -163,6 +160,11 @@ class CostInWorlds:
             return math.inf, NOT_EVERYWHERE
         mean = math.fsum(costs) / len(costs)
         return mean + self.penalty * (max(costs) - mean), "ok"
+
+
+def with_chatter(run: Trajectory) -> Trajectory:
+    """Return a run, as one that went well if joint speeds chattered and nothing else failed."""
+    return dataclasses.replace(run, status=Status.OK, message="") if run.status == "chatter" else run
 
 
 class _Evaluation:

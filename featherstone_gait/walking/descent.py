@@ -22,6 +22,7 @@ speeds chatter in a world is repeated there at a quarter of the time step, and h
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from collections.abc import Sequence
@@ -30,19 +31,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import hadamard
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
 from ..base.arguments import instance, whole
 from ..base.fixed_order import applied, product, solve, total
 from ..base.line_file import LineFile
-from ..run.simulate import simulate_batch, standing_state
 from ..run.status import Status
 from ..run.trajectory import Trajectory
-from ..scene.compile import CompiledScene
 from . import limits
-from .cost import Measures, WalkingCost, measured, window_of
-from .cost_in_worlds import CostInWorlds
+from .cost import WalkingCost, measured, walk_runs, window_of
+from .cost_in_worlds import CostInWorlds, with_chatter
 from .gait import TICK, bounds
 from .limits import BY_NAME, Watch
 
@@ -87,38 +87,31 @@ class _Descent:
     def __init__(self, cost: CostInWorlds, watch: Watch) -> None:
         self.cost, self.watch, self.walking = cost, watch, cost.cost
         self.scenes = [*cost.scenes, cost.scene]
+        self.offsets = np.vstack([cost.offsets, np.zeros_like(cost.offsets[0])])
         self.short = replace(self.walking, **{name: min(n, getattr(self.walking, name)) for name, n in SHORT.items()})
         self.box = bounds(cost.scene.model, cost.gait)
         self.unit = 1.0  # [J/m]
         self.price = PRICE
         self.walks = 0
-        self._finer: dict[int, CompiledScene] = {}
+        self.finer = functools.cache(lambda k: self.scenes[k].recompiled(timestep=FINER * self.scenes[k].timestep))
 
-    def simulate(self, walking: WalkingCost, vectors: Sequence[np.ndarray], worlds: Sequence[int]) -> list[Trajectory]:
-        """Simulate each gait vector in the world of that number."""
+    def simulate(
+        self, walking: WalkingCost, vectors: Sequence[np.ndarray], worlds: Sequence[int], finer: bool = False
+    ) -> list[Trajectory]:
+        """Simulate each gait vector in the world of that number; finer: at a quarter of the time step."""
+        self.walks += 0 if finer else len(worlds)
+        scenes = [self.finer(k) if finer else self.scenes[k] for k in worlds]
         signals = [walking.reference(x, walking.warm_up + walking.strides) for x in vectors]
-        states = [self._standing(signal.values[0], k) for signal, k in zip(signals, worlds)]
-        self.walks += len(signals)
-        return simulate_batch(
-            [self.scenes[k] for k in worlds], walking.end, states, signals,
-            record=limits.RECORD, record_interval=SAMPLE, estimate_error=False,
-        )  # fmt: skip
-
-    def _standing(self, angles: np.ndarray, k: int) -> np.ndarray:
-        if k < len(self.cost.scenes):
-            return self.cost.standing(angles, k)
-        return standing_state(self.scenes[k], angles, allow_limit_violation=True)
+        offsets = self.offsets[[*worlds]]
+        return walk_runs(scenes, walking.end, signals, offsets, record=limits.RECORD, record_interval=SAMPLE)
 
     def outcome(self, run: Trajectory, walking: WalkingCost, k: int) -> _Outcome | None:
         """Measure a run in world k; return None if it does not walk."""
-        if run.status == "chatter":
-            run = replace(run, status=Status.OK, message="")
-        scene = self.scenes[k]
-        found: Measures = measured(scene, run, walking.mark, walking.end, walking.strides, slip=False)
+        run, scene = with_chatter(run), self.scenes[k]
+        found = measured(scene, run, walking.mark, walking.end, walking.strides, slip=False)
         if not math.isfinite(found.cost):
             return None
-        window = window_of(run, walking.mark, walking.end)
-        violations = self.watch.beyond(scene, run, window, walking.strides)
+        violations = self.watch.beyond(scene, run, window_of(run, walking.mark, walking.end), walking.strides)
         return _Outcome(found.cost, found.sideways / found.distance, violations)
 
     def evaluate(self, x: np.ndarray) -> _Point:
@@ -136,18 +129,8 @@ class _Descent:
         ring = [k for k, run in enumerate(point.runs) if run.status == "chatter"]
         if not ring or not math.isfinite(point.objective):
             return point
-        for k in ring:
-            if k not in self._finer:
-                self._finer[k] = self.scenes[k].recompiled(timestep=FINER * self.scenes[k].timestep)
-        walking = self.walking
-        signal = walking.reference(point.x, walking.warm_up + walking.strides)
-        states = [self._standing(signal.values[0], k) for k in ring]
-        again = simulate_batch(
-            [self._finer[k] for k in ring], walking.end, states, [signal] * len(ring),
-            record=limits.RECORD, record_interval=SAMPLE, estimate_error=False,
-        )  # fmt: skip
         runs = list(point.runs)
-        for k, run in zip(ring, again):
+        for k, run in zip(ring, self.simulate(self.walking, [point.x] * len(ring), ring, finer=True)):
             runs[k] = replace(run, status=Status.FELL, message="speeds ring") if run.status == "chatter" else run
         return self._point(point.x, runs)
 
@@ -188,7 +171,8 @@ class _Descent:
         """Fit slopes (D,) of the cost in its unit and (D, m) of the violations; return them and the violations (m,)."""
         x, D, n = point.x, len(point.x), len(self.scenes)
         generator = np.random.Generator(np.random.PCG64([*seed]))
-        signs = _hadamard(ROWS_PER_NUMBER * D)[:, 1 : D + 1] * generator.choice([-1.0, 1.0], D)
+        rows = 1 << (ROWS_PER_NUMBER * D - 1).bit_length()
+        signs = hadamard(rows, dtype=float)[:, 1 : D + 1] * generator.choice([-1.0, 1.0], D)
         vectors = np.clip(x + WIDTH * signs, *self.box.T)
         worlds = [int(k) % n for k in generator.permutation(len(vectors))]
         runs = self.simulate(self.short, [*vectors], worlds)
@@ -246,74 +230,42 @@ def descend(
     """
     instance("cost", cost, CostInWorlds, "give what in_worlds returns")
     steps = whole("steps", steps, 0, "it is a number of steps", 10**6)
-    descent, path = _Descent(cost, watch), _Path()
+    descent = _Descent(cost, watch)
     starts = [cost.gait.to_vector()] if starts is None else list(starts)
     log = _History(history, {"search": HISTORY, "version": 1, "seed": seed, "x0": starts[0].tolist()}, resume)
     interrupted = False
     bar = tqdm(total=steps, disable=not progress, unit="step", desc="within limits")
     try:
-        point, radius = _begin(descent, starts, log, path)
-        for k in range(len(path.steps) - 1, steps if math.isfinite(point.cost) else 0):
-            point, radius = _advance(descent, point, radius, (seed, k), log, path)
-            bar.update(len(path.steps) - 1 - bar.n)
+        point, radius = _begin(descent, starts, log)
+        for k in range(len(log.lines) - 1, steps if math.isfinite(point.cost) else 0):
+            point, radius = _advance(descent, point, radius, (seed, k), log)
+            bar.update(len(log.lines) - 1 - bar.n)
             bar.set_postfix({"cost": point.cost, "limit violation": point.violation})
     except KeyboardInterrupt:
         interrupted = True
     finally:
         bar.close()
         log.close()
-    return path.result(starts[0], descent.walks, interrupted)
+    return log.result(starts[0], descent.walks, interrupted)
 
 
-class _Path:
-    """The gaits that the steps end with, and all that were tried in all worlds."""
-
-    def __init__(self) -> None:
-        self.steps: list[tuple[np.ndarray, float, float]] = []  # gait vector, cost [J/m], violation
-        self.tried: list[tuple[np.ndarray, float]] = []
-
-    def result(self, first: np.ndarray, walks: int, interrupted: bool) -> OptimizeResult:
-        """Return what `descend` does; first: the gait vector if not even one was evaluated."""
-        steps = self.steps or [(first, math.inf, math.inf)]
-        x, f, violation = (np.array(part) for part in zip(*steps))
-        tried = {name: np.array(part) for name, part in zip("xf", zip(*(self.tried or [steps[0][:2]])))}
-        return OptimizeResult(
-            x=x[-1], fun=float(f[-1]), nit=len(f) - 1, nfev=walks,
-            success=bool(np.isfinite(f[-1])) and not interrupted, status=2 if interrupted else 0,
-            message="interrupted; the last gait is returned" if interrupted else "finished",
-            history={"x": x, "f": f, "broken": violation}, tried=tried,
-        )  # fmt: skip
-
-
-def _begin(descent: _Descent, starts: Sequence[np.ndarray], log: _History, path: _Path) -> tuple[_Point, float]:
-    """Evaluate the first gait, or repeat the steps of the history; return the present gait and the radius [rad]."""
-    lines, radius = log.lines, RADIUS
-    point = descent.evaluate(log.x(0)) if lines else _first_walking(descent, starts)
-    descent.unit = point.cost if math.isfinite(point.cost) else 1.0
-    path.steps.append((point.x, point.cost, point.violation))
-    path.tried.append((point.x, point.cost))
-    if not lines:
-        log.write(point, radius, [])
-    for k, line in enumerate(lines[1:], start=1):
-        path.steps.append((log.x(k), line["f"], line["broken"]))
-        path.tried += [(np.array(one["x"], dtype=float), one["f"] or math.inf) for one in line["trials"]]
-        radius = line["radius"]
-    return (descent.evaluate(path.steps[-1][0]) if len(lines) > 1 else point), radius
-
-
-def _first_walking(descent: _Descent, starts: Sequence[np.ndarray]) -> _Point:
-    """Return the first start that walks in all worlds, or the first one if none does."""
-    points = (descent.evaluate(x) for x in starts)
+def _begin(descent: _Descent, starts: Sequence[np.ndarray], log: _History) -> tuple[_Point, float]:
+    """Evaluate the first start that walks, or the last gait of the history; return it and the radius [rad]."""
+    points = (descent.evaluate(x) for x in ([log.x(0)] if log.lines else starts))
     first = next(points)
-    return first if math.isfinite(first.cost) else next((p for p in points if math.isfinite(p.cost)), first)
+    point = first if math.isfinite(first.cost) else next((p for p in points if math.isfinite(p.cost)), first)
+    descent.unit = point.cost if math.isfinite(point.cost) else 1.0
+    if not log.lines:
+        log.write(point, RADIUS, [])
+    return (descent.evaluate(log.x(-1)) if len(log.lines) > 1 else point), log.lines[-1]["radius"]
 
 
 def _advance(
-    descent: _Descent, point: _Point, radius: float, seed: tuple[int, int], log: _History, path: _Path
+    descent: _Descent, point: _Point, radius: float, seed: tuple[int, int], log: _History
 ) -> tuple[_Point, float]:
     """Make a step and write it down; return the next gait, or the same one, and the next radius [rad]."""
     descent.price = min(PRICE * GROWS ** seed[1], LARGEST_PRICE)
-    worst = max(descent.objective(cost, violation) for _, cost, violation in path.steps[-MEMORY:])
+    worst = max(descent.objective(line["f"], line["broken"]) for line in log.lines[-MEMORY:])
     change = descent.step(point, radius, seed)
     trials = descent.points([np.clip(point.x + share * change, *descent.box.T) for share in TRIALS])
     best = 0.0
@@ -321,18 +273,19 @@ def _advance(
         if trial.objective < worst and (trial := descent.without_chatter(trial)).objective < worst:
             point, best = trial, share
             break
-    path.tried += [(trial.x, trial.cost) for trial in trials]
-    path.steps.append((point.x, point.cost, point.violation))
     radius = min(max(radius * RADII[best], LEAST_RADIUS), LARGEST_RADIUS)
     log.write(point, radius, trials)
     return point, radius
 
 
 class _History:
-    """The steps as JSON lines: a header, then a line for the start and each step; without a path nothing is kept."""
+    """The gaits that the steps end with, and all that were tried in all worlds: a line for the start and each step.
+
+    With a path they are lines of a file too, after a header.
+    """
 
     def __init__(self, path: str | os.PathLike[str] | None, header: dict[str, Any], resume: bool) -> None:
-        self.lines: list[dict[str, Any]] = []  # of the start and the steps that were made before
+        self.lines: list[dict[str, Any]] = []
         remedy = "resume with the settings it was begun with, or delete it"
 
         def check(found: dict[str, Any], what: str) -> None:
@@ -348,11 +301,29 @@ class _History:
 
     def write(self, point: _Point, radius: float, trials: Sequence[_Point]) -> None:
         """Write a step."""
+        number = lambda value: value if math.isfinite(value) else None  # noqa: E731
+        each = [{"x": one.x.tolist(), "f": number(one.cost)} for one in trials]
+        line = {"x": point.x.tolist(), "f": number(point.cost), "broken": number(point.violation), "radius": radius}
+        self.lines.append(line | {"trials": each})
         if self._file is not None:
-            number = lambda value: value if math.isfinite(value) else None  # noqa: E731
-            each = [{"x": one.x.tolist(), "f": number(one.cost)} for one in trials]
-            f, violation = number(point.cost), number(point.violation)
-            self._file.write({"x": point.x.tolist(), "f": f, "broken": violation, "radius": radius, "trials": each})
+            self._file.write(self.lines[-1])
+
+    def result(self, first: np.ndarray, walks: int, interrupted: bool) -> OptimizeResult:
+        """Return what `descend` does; first: the gait vector if not even one was evaluated."""
+        steps = self.lines or [{"x": first, "f": None, "broken": None, "trials": []}]
+        tried = [steps[0], *(trial for step in steps for trial in step["trials"])]
+        number = lambda value: math.inf if value is None else value  # noqa: E731
+        arrays = lambda rows, *names: {  # noqa: E731
+            "x": np.array([row["x"] for row in rows], dtype=float),
+            **{name: np.array([number(row[name]) for row in rows], dtype=float) for name in names},
+        }
+        history = arrays(steps, "f", "broken")
+        x, f = history["x"][-1], float(history["f"][-1])
+        return OptimizeResult(
+            x=x, fun=f, nit=len(steps) - 1, nfev=walks, success=math.isfinite(f) and not interrupted,
+            status=2 if interrupted else 0, history=history, tried=arrays(tried, "f"),
+            message="interrupted; the last gait is returned" if interrupted else "finished",
+        )  # fmt: skip
 
     def close(self) -> None:
         """Close the file."""
@@ -365,14 +336,6 @@ def _typical(violations: np.ndarray) -> np.ndarray:
     mean = total(violations, axis=0) / len(violations)
     off = violations - mean
     return mean + SPREAD * np.sqrt(total(off * off, axis=0) / len(violations))
-
-
-def _hadamard(least: int) -> np.ndarray:
-    """Return Sylvester's matrix of +1 and -1: orthogonal columns, at least so many rows; column 0 is all ones."""
-    H = np.ones((1, 1))
-    while len(H) < least:
-        H = np.block([[H, H], [H, -H]])
-    return H
 
 
 def _best(slope: np.ndarray, slopes: np.ndarray, violations: np.ndarray, price: float, radius: float) -> np.ndarray:

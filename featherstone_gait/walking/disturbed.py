@@ -6,7 +6,6 @@ robots fall, in each of eight directions.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,11 +18,12 @@ import numpy as np
 from featherstone_gait.base.arguments import instance, real, truth, whole
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.model import Ground, HeightField
-from featherstone_gait.run.simulate import Push, simulate, simulate_batch, standing_state
+from featherstone_gait.run.simulate import Push, simulate, standing_state
 from featherstone_gait.run.start import check_scene
 from featherstone_gait.run.trajectory import Trajectory
 from featherstone_gait.scene.compile import CompiledScene
-from featherstone_gait.walking.cost_in_worlds import MOST_WORLDS, variations
+from featherstone_gait.walking.cost import walk_runs
+from featherstone_gait.walking.cost_in_worlds import MOST_WORLDS, variations, with_chatter
 from featherstone_gait.walking.feedback import BalancedWalk
 
 PUSHED_FOR = 0.1  # [s]
@@ -44,32 +44,29 @@ class Pushed:
     scenes: Sequence[CompiledScene]
     offsets: np.ndarray  # (worlds, joints) of the joints at the start [rad]
 
-    @functools.cached_property
-    def _starts(self) -> list[np.ndarray]:
-        first = self.walk.reference(1).values[0]
-        return [
-            standing_state(one, first + off, allow_limit_violation=True) for one, off in zip(self.scenes, self.offsets)
-        ]
-
     def runs(self, impulse: float, direction: float, phase: float) -> list[Trajectory]:
         """Simulate all worlds with an impulse [N s] toward `direction` [rad] from x, at `phase` (0 to 1)."""
         motion, scene = self.walk.motion, self.scenes[0]
         tick = scene.tick_steps * scene.timestep
         begin = motion.begin(BEFORE) + round(phase * motion.period / tick) * tick
-        force = impulse / PUSHED_FOR
-        along = (force * math.cos(direction), force * math.sin(direction), 0.0)
-        push = Push(scene.model.root, along, (0.0,) * 3, (0.0,) * 3, begin, begin + PUSHED_FOR)
-        n = len(self.scenes)
         acts = [self.walk.controller(one, seed) for seed, one in enumerate(self.scenes)] if self.feedback else None
-        return simulate_batch(
-            self.scenes, begin + AFTER * motion.period, self._starts, [self.walk.reference(BEFORE + AFTER + 1)] * n,
-            pushes=[push], record=("base_q",), record_interval=motion.tick, estimate_error=False, controller=acts,
+        return walk_runs(
+            self.scenes, begin + AFTER * motion.period, [motion.reference(BEFORE + AFTER + 1)] * len(self.scenes),
+            self.offsets, pushes=[push_of_trunk(scene, impulse, direction, begin)], record=("base_q",),
+            record_interval=motion.tick, controller=acts,
         )  # fmt: skip
 
     def fall(self, impulse: float, direction: float) -> float:
         """Return the share of worlds and phases in which the robot falls; chatter on stiff floors is no fall."""
         runs = [run for k in range(PHASES) for run in self.runs(impulse, direction, k / PHASES)]
-        return sum(run.status not in ("ok", "chatter") for run in runs) / len(runs)
+        return sum(not with_chatter(run).ok for run in runs) / len(runs)
+
+
+def push_of_trunk(scene: CompiledScene, impulse: float, direction: float, begin: float) -> Push:
+    """Return a push of the root link with an impulse [N s] toward `direction` [rad] from x, from `begin` [s] on."""
+    force = impulse / PUSHED_FOR
+    along = (force * math.cos(direction), force * math.sin(direction), 0.0)
+    return Push(scene.model.root, along, (0.0,) * 3, (0.0,) * 3, begin, begin + PUSHED_FOR)
 
 
 def pushes_survived(
@@ -224,7 +221,7 @@ def walk_far(
         controller=walk.controller(scene, seed) if feedback else None,
     )  # fmt: skip
     n, first = len(motion.stride), len(motion.start)
-    fallen = run.status not in ("ok", "chatter")
+    fallen = not with_chatter(run).ok
     done = (run.end_time - motion.begin(0)) / motion.period if fallen else float(strides)
     whole_strides = max(int(done), 0)
     q = run["base_q"][first : first + whole_strides * n]

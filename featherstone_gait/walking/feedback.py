@@ -48,11 +48,11 @@ from ..dynamics.jacobians import chains_of
 from ..model import Model
 from ..run.program import SEEN, CompiledController, State
 from ..run.reference import Reference
-from ..run.simulate import simulate_batch, standing_state
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_posture
 from . import balance as law
+from .cost import walk_runs
 from .gait import Mirror
 from .gait_file import ARRAYS
 from .generic_servo import HEIGHT
@@ -64,6 +64,7 @@ from .plan import soles_of
 ALONG = 0.9  # component of an axis along x or y from which the joint is one of roll or pitch
 LARGEST = 1e4  # gain
 MOST_DELAY = 0.2  # [s]
+READ = ("base_q", "base_qd", "base_qdd", "q")  # channels that the controller reads
 NOMINAL_STRIDES = 8  # over which the undisturbed motion is averaged, after two others
 
 
@@ -428,12 +429,8 @@ def undisturbed_of(
     mirrored: whether the second half of a stride is the first half mirrored.
     """
     strides = 2 + NOMINAL_STRIDES
-    signals = [motion.reference(strides) for motion in motions]
-    states = [standing_state(scene, signal.values[0], allow_limit_violation=True) for signal in signals]
-    runs = simulate_batch(
-        [scene] * len(motions), motions[0].begin(strides), states, signals,
-        record=("base_q", "base_qd", "base_qdd", "q", "contact_force"), estimate_error=False,
-    )  # fmt: skip
+    signals, record = [motion.reference(strides) for motion in motions], [*READ, "contact_force"]
+    runs = walk_runs([scene] * len(motions), motions[0].begin(strides), signals, record=record)
     return [undisturbed(scene, motion, run, imu, mirrored) if run.ok else None for motion, run in zip(motions, runs)]
 
 
@@ -448,18 +445,15 @@ def undisturbed(scene: CompiledScene, motion: Motion, run: Trajectory, imu: Imu,
     )  # fmt: skip
     zeros = np.zeros((len(motion.start) + len(motion.stride), law.COLUMNS))
     memory = BalancedWalk(motion, Feedback(), still, zeros).memory(scene)
-    force = run["contact_force"][:, :, 0]
-    feet = [point.link for point in scene.model.contacts]
-    columns, _ = legs_of(scene.model)
-    left_foot = next(foot for foot in feet if columns[0, 0] in leg_joints(scene.model, foot))
-    on_left = force[:, [foot == left_foot for foot in feet]].sum(axis=1)
+    force, left_hip = run["contact_force"][:, :, 0], legs_of(scene.model)[0][0, 0]
+    on_left = force[:, [left_hip in leg_joints(scene.model, point.link) for point in scene.model.contacts]].sum(axis=1)
     share = on_left / np.maximum(force.sum(axis=1), 1e-9)
     tick = scene.tick_steps * scene.timestep
     found = np.zeros((len(share), law.COLUMNS))
     command = np.zeros((scene.tree.n, 2))
     none = dict.fromkeys(SEEN, np.empty(0))
     for k in range(len(share)):
-        state = State(**none | {name: run[name][k] for name in ("base_q", "base_qd", "base_qdd", "q")})
+        state = State(**none | {name: run[name][k] for name in READ})
         law.balance(tick * k, state, command, command, memory)
         found[k, :2] = memory[law.RATES + 1], share[k]
         found[k, 2:] = memory[law.FROM : law.FROM + 4] + memory[law.FALLING] * memory[law.SPEED : law.SPEED + 4]

@@ -21,10 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite
-from ..run.simulate import Push, simulate_batch, standing_state
-from ..run.trajectory import Trajectory
-from .cost_in_worlds import NOT_EVERYWHERE, CostInWorlds
-from .disturbed import AFTER, BEFORE, DIRECTIONS, PHASES, PUSHED_FOR
+from .cost import walk_runs
+from .cost_in_worlds import NOT_EVERYWHERE, CostInWorlds, with_chatter
+from .disturbed import AFTER, BEFORE, DIRECTIONS, PHASES, push_of_trunk
 from .feedback import SENSORS, BalancedWalk, Feedback, Imu, feedback_of, size_of, undisturbed_of
 from .gait import bounds
 from .motion import motion_of
@@ -157,21 +156,12 @@ class FeedbackCost:
             world = trial.world % len(cost.scenes)
             scene, off = cost.scenes[world], cost.offsets[world]
             begin = motion.begin(BEFORE) + round(trial.phase * len(motion.stride)) * motion.tick
-            force = trial.impulse * self._size[1] / PUSHED_FOR
-            along = (force * math.cos(trial.direction), force * math.sin(trial.direction), 0.0)
-            pushes = [Push(scene.model.root, along, (0.0,) * 3, (0.0,) * 3, begin, begin + PUSHED_FOR)]
+            pushes = [push_of_trunk(scene, trial.impulse * self._size[1], trial.direction, begin)]
             end, strides = begin + AFTER * motion.period, BEFORE + AFTER + 1
-        signals = [walk.reference(strides) for walk in walks]
-        states = [standing_state(scene, signal.values[0] + off, allow_limit_violation=True) for signal in signals]
-        acts = [walk.controller(scene, seed) for walk in walks]
-        runs = simulate_batch(
-            [scene] * len(walks), end, states, signals, pushes=pushes, record=("base_q",), record_interval=motion.tick,
-            estimate_error=False, controller=acts,
+        runs = walk_runs(
+            [scene] * len(walks), end, [walk.reference(strides) for walk in walks], off, pushes=pushes,
+            record=("base_q",), record_interval=motion.tick,
+            controller=[walk.controller(scene, seed) for walk in walks],
         )  # fmt: skip
-        return np.array([_lost(run, begin, end) for run in runs])
-
-
-def _lost(run: Trajectory, begin: float, end: float) -> float:
-    if run.status in ("ok", "chatter"):
-        return 0.0
-    return 1.0 - 0.5 * min(max((run.end_time - begin) / (end - begin), 0.0), 1.0)
+        stood = [min(max((run.end_time - begin) / (end - begin), 0.0), 1.0) for run in runs]
+        return np.array([0.0 if with_chatter(run).ok else 1.0 - 0.5 * share for run, share in zip(runs, stood)])

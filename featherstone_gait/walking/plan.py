@@ -23,7 +23,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import finite, is_real, is_whole, one_of, real, shown, texts, whole
+from featherstone_gait.base.arguments import finite, is_real, one_of, real, shown, texts, whole
 from featherstone_gait.base.fixed_order import applied, total
 from featherstone_gait.base.portable_math import sincos
 from featherstone_gait.dynamics import Poses, check_model, contact_positions_at
@@ -99,23 +99,20 @@ class Walk:
     preview: Preview = "cart_table"
 
     def __post_init__(self) -> None:
-        for name in ("step_time", "com_height", "half_width", "lift", "T", "N", "Q", "R", "g"):
-            value = getattr(self, name)
-            if not (is_real(value) and TINY < value < HUGE):
-                raise ValueError(f"walk: {name} = {shown(value)} must be finite and > 0")
-        if not (is_real(self.double_support) and 0.0 < self.double_support < 1.0):
-            raise ValueError(f"walk: double_support = {shown(self.double_support)} must lie between 0 and 1")
-        if not (is_whole(self.n_steps) and 4 <= self.n_steps <= MOST_STEPS):
-            text = f"walk: n_steps = {shown(self.n_steps)} must be at least 4"
-            raise ValueError(f"{text} and at most {MOST_STEPS}; a settled stride takes some 16")
-        object.__setattr__(self, "n_steps", int(self.n_steps))
-        if not (is_real(self.step_length) and abs(self.step_length) < HUGE):
-            raise ValueError(f"walk: step_length = {shown(self.step_length)} must be finite")
-        one_of("walk: preview", self.preview, get_args(Preview))
-        whole("walk: N", self.N, 1, "give the samples of preview", MOST_SAMPLES)
         for one in fields(self):  # numbers of less precision would make times that miss the samples
+            value, low = getattr(self, one.name), -HUGE if one.name == "step_length" else TINY
             if one.type == "float":
-                object.__setattr__(self, one.name, float(getattr(self, one.name)))
+                if not (is_real(value) and low < value < HUGE):
+                    raise ValueError(f"walk: {one.name} = {shown(value)} must be finite{' and > 0' if low > 0 else ''}")
+                object.__setattr__(self, one.name, float(value))
+        if self.double_support >= 1.0:
+            raise ValueError(f"walk: double_support = {self.double_support} must lie between 0 and 1")
+        for name, least, most, remedy in (
+            ("n_steps", 4, MOST_STEPS, "a settled stride takes some 16"),
+            ("N", 1, MOST_SAMPLES, "give the samples of preview"),
+        ):
+            object.__setattr__(self, name, whole(f"walk: {name}", getattr(self, name), least, remedy, most))
+        one_of("walk: preview", self.preview, get_args(Preview))
         if self.step_time / self.T > MOST_SAMPLES:
             raise ValueError(f"walk: step_time = {self.step_time} s is over {MOST_SAMPLES} samples T = {self.T} s")
         if abs(self.step_samples * self.T - self.step_time) > 1e-9:
@@ -224,7 +221,7 @@ class Plan:
         Raises ValueError if the walk does not repeat there to 1e-3 rad.
         """
         n = 2 * self.walk.step_samples
-        first = self._stride_start()
+        first = round(self.walk.start / self.walk.T) + n * ((self.walk.n_steps - 3) // 4)
         angles = self.angles[first : first + n]
         mismatch = float(np.abs(self.angles[first + n : first + 2 * n] - angles).max())
         if mismatch > 1e-3:
@@ -244,10 +241,6 @@ class Plan:
         ticks = int(np.ceil((end - self.times[moving.argmax()]) / tick)) + 1
         times = end - tick * np.arange(ticks, 0, -1)
         return _interpolated(times, self.times, self.angles)
-
-    def _stride_start(self) -> int:
-        strides_before = (self.walk.n_steps - 3) // 4
-        return round(self.walk.start / self.walk.T) + 2 * self.walk.step_samples * strides_before
 
 
 def downward(gravity: Iterable[float]) -> float:
@@ -305,19 +298,19 @@ def walking_plan(
     footholds = _footholds(walk)
     feet_path, contact = _feet_path(walk, footholds, times)
     zmp_reference = _zmp_reference(walk, footholds, times)
-    com = _lifted(_preview(walk, zmp_reference), walk.com_height)
+    com = _com_path(walk, zmp_reference, walk.com_height)
     base = first_base(model, soles, posture, com)
     angles, base = _follow(model, soles, feet_path, com, posture, base, times, followed)
     error = zmp_reference - multibody_zmp(model, angles, base, walk.T, walk.g)
-    correction = _lifted(_preview(walk, error), 0.0)
+    correction = _com_path(walk, error, 0.0)
     com = com + correction
     angles, base = _follow(model, soles, feet_path, com, angles, base + correction, times, followed)
     angles = np.round(angles, DECIMALS)
     check_limits(model, angles, times)
-    return Plan(
-        walk, model.joint_names, times, angles, base, com, feet_path, contact, _support(soles, feet_path, contact),
-        zmp_reference, multibody_zmp(model, angles, base, walk.T, walk.g),
-    )  # fmt: skip
+    corners = feet_path[:, :, None, :2] + np.stack([sole.corners for sole in soles])
+    support = tuple(support_polygon(np.concatenate(each[stands])) for each, stands in zip(corners, contact))
+    zmp = multibody_zmp(model, angles, base, walk.T, walk.g)
+    return Plan(walk, model.joint_names, times, angles, base, com, feet_path, contact, support, zmp_reference, zmp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,10 +353,8 @@ def _sole(model: Model, link: str, points: np.ndarray, poses: Poses) -> Sole:
 
 def default_posture(model: Model, soles: Iterable[Sole]) -> np.ndarray:
     """Return the posture (nj,) [rad] with the leg joints in the middle of their ranges, 0 elsewhere."""
-    posture = np.zeros(len(model.joint_names))
-    for sole in soles:
-        columns = list(leg_joints(model, sole.link))
-        posture[columns] = mid_range(model)[columns]
+    posture, columns = np.zeros(len(model.joint_names)), [k for sole in soles for k in leg_joints(model, sole.link)]
+    posture[columns] = mid_range(model)[columns]
     return posture
 
 
@@ -374,10 +365,8 @@ def _footholds(walk: Walk) -> np.ndarray:
     """
     x = np.zeros((walk.n_steps + 1, 2))
     for i in range(walk.n_steps):
-        standing, swinging = i % 2, 1 - i % 2
-        last = i == walk.n_steps - 1
-        x[i + 1, standing] = x[i, standing]
-        x[i + 1, swinging] = x[i, standing] + (0.0 if last else walk.step_length)
+        x[i + 1] = x[i, i % 2]
+        x[i + 1, 1 - i % 2] += walk.step_length if i < walk.n_steps - 1 else 0.0
     y = np.broadcast_to([walk.half_width, -walk.half_width], x.shape)
     return np.stack([x, y], axis=-1)
 
@@ -392,36 +381,23 @@ def _feet_path(walk: Walk, footholds: np.ndarray, times: np.ndarray) -> tuple[np
         foot = 1 - i % 2
         s = (times - walk.start - (i + 0.5 * walk.double_support) * walk.step_time) / swing_time
         going, gone = (s > 1e-9) & (s < 1.0 - 1e-9), s > 0.0
-        way = footholds[i + 1, foot] - footholds[i, foot]
-        path[gone, foot, :2] = footholds[i, foot] + np.outer(_ease(np.clip(s[gone], 0.0, 1.0)), way)
-        path[going, foot, 2] = walk.lift * _arch(s[going])
+        way, passed = footholds[i + 1, foot] - footholds[i, foot], np.clip(s[gone], 0.0, 1.0)
+        path[gone, foot, :2] = footholds[i, foot] + np.outer(passed * passed * (3.0 - 2.0 * passed), way)
+        # Steep at both ends, so that a foot on a sagging leg clears the ground.
+        path[going, foot, 2] = walk.lift * sincos(np.pi * s[going])[0]
         contact[going, foot] = False
     return path, contact
-
-
-def _ease(s: np.ndarray) -> np.ndarray:
-    """Rise from 0 to 1 with zero speed at both ends."""
-    return s * s * (3.0 - 2.0 * s)
-
-
-def _arch(s: np.ndarray) -> np.ndarray:
-    """Rise from 0 to 1 and fall back, steeply at both ends, so that a foot on a sagging leg clears the ground."""
-    return sincos(np.pi * s)[0]
 
 
 def _zmp_reference(walk: Walk, footholds: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return the ZMP reference (n, 2) [m]: the middle of the standing sole; in double support, a line to the next."""
     standing = [footholds[i, i % 2] for i in range(walk.n_steps)]
-    rests = [_middle(footholds[0]), *standing, _middle(footholds[-1])]
+    rests = [footholds[0].mean(axis=0), *standing, footholds[-1].mean(axis=0)]
     changes = walk.start + walk.step_time * np.arange(walk.n_steps + 1)
     half = 0.5 * walk.double_support * walk.step_time
     knots = np.stack([changes - half, changes + half], axis=1).ravel()
     values = np.repeat(np.array(rests), 2, axis=0)[1:-1]
     return _interpolated(times, knots, values)
-
-
-def _middle(feet: np.ndarray) -> np.ndarray:
-    return 0.5 * (feet[0] + feet[1])
 
 
 def _interpolated(times: np.ndarray, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -432,12 +408,10 @@ def _interpolated(times: np.ndarray, knots: np.ndarray, values: np.ndarray) -> n
     return slopes[k] * (np.clip(times, knots[0], knots[-1]) - knots[k])[:, None] + values[k]
 
 
-def _preview(walk: Walk, zmp: np.ndarray) -> np.ndarray:
+def _com_path(walk: Walk, zmp: np.ndarray, height: float) -> np.ndarray:
+    """Return the path (n, 3) [m], at a height, of the center of mass whose ZMP is `zmp` (n, 2)."""
     planned = plan_com if walk.preview == "cart_table" else plan_com_auxiliary
-    return planned(zmp, walk.T, walk.com_height, N=walk.N, Q=walk.Q, R=walk.R, g=walk.g).position
-
-
-def _lifted(position: np.ndarray, height: float) -> np.ndarray:
+    position = planned(zmp, walk.T, walk.com_height, N=walk.N, Q=walk.Q, R=walk.R, g=walk.g).position
     return np.column_stack([position, np.full(len(position), height)])
 
 
@@ -465,19 +439,14 @@ def _follow(
     A fixed-point iteration from `angles` and `base`: the root moves by the error of the center of mass, the legs
     follow.  The caller checks the joint limits: the iteration may pass them.
     """
-    how: dict[str, Any]
     for _ in range(100):
         for k, sole in enumerate(soles):
-            target = feet_path[:, k] - base
-            how = dict(point=sole.middle, start=angles, times=times, tolerance=1e-2 * followed)
-            angles = reach(model, sole.link, target, **how)
+            angles = reach(
+                model, sole.link, feet_path[:, k] - base,
+                point=sole.middle, start=angles, times=times, tolerance=1e-2 * followed,
+            )  # fmt: skip
         missed = com - center_of_mass(model, angles, base)
         if np.abs(missed).max() < followed:
             return angles, base
         base = base + missed
     raise ValueError(f"the center of mass of {model.name!r} still misses its path by {np.abs(missed).max():.1e} m")
-
-
-def _support(soles: Sequence[Sole], feet_path: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, ...]:
-    corners = feet_path[:, :, None, :2] + np.stack([sole.corners for sole in soles])
-    return tuple(support_polygon(np.concatenate(corners[k, contact[k]])) for k in range(len(corners)))

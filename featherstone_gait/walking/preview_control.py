@@ -109,16 +109,7 @@ def preview_controller(
     N = check_settings(N, T=T, z_c=z_c, Q=Q, R=R, g=g)
     A, b = _augmented_cart_table(T, z_c, g)
     P = cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T)
-    K, s = feedback(A, b, P, R)
-    A_closed = A - b[:, None] * K
-    preview = np.empty(N)
-    X = P[:, 0]
-    for j in range(N):
-        preview[j] = -total(b * X) / s
-        X = applied(A_closed.T, X)
-    K = np.array([round_to(k, abs(k)) for k in K])
-    # The small late preview gains come out of the same recursion as the largest and carry its error.
-    preview = round_to(preview, np.abs(preview).max())
+    K, preview = gains(A, b, P, R, N, -P[:, 0])
     return PreviewController(T, z_c, g, float(K[0]), K[1:], preview)
 
 
@@ -207,7 +198,20 @@ def feedback(A: np.ndarray, b: np.ndarray, P: np.ndarray, R: float) -> tuple[np.
     return applied(A.T, Pb) / s, s
 
 
-def round_to(gain: np.ndarray, size: float) -> np.ndarray:
+def gains(
+    A: np.ndarray, b: np.ndarray, P: np.ndarray, R: float, N: int, X: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the state gains K (n,) and the gains (N,) of the previewed references, s^-1 b' ((A - b K)')^(j-1) X."""
+    K, s = feedback(A, b, P, R)
+    closed, preview = A - b[:, None] * K, np.empty(N)
+    for j in range(N):
+        preview[j] = total(b * X) / s
+        X = applied(closed.T, X)
+    # The small late preview gains come out of the same recursion as the largest and carry its error.
+    return np.array([_rounded(k, abs(k)) for k in K]), _rounded(preview, np.abs(preview).max())
+
+
+def _rounded(gain: np.ndarray, size: float) -> np.ndarray:
     """Round `gain` to `GAIN_DIGITS` significant digits of a number of the given size."""
     return np.round(gain, GAIN_DIGITS - 1 - Decimal(float(size)).adjusted())
 

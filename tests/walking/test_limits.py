@@ -134,7 +134,7 @@ def test_the_best_step_is_where_slopes_balance():
     assert d[0] == pytest.approx((0.4 + 1.0 / (2.0 * price * 4.0)) / 4.0, rel=1e-3)
     assert abs(d[1]) <= radius
     assert -1e-3 <= descent._best(-slope, slopes, beyond, price, 1e-3)[0] < -0.5e-3
-    H = descent._hadamard(5)
+    H = descent.hadamard(8, dtype=float)
     assert np.array_equal(H.T @ H, 8.0 * np.eye(8))
 
 
