@@ -23,16 +23,8 @@ from .run import crosscheck as crosscheck
 from .run import summary as summary
 from .run import verdict as verdict
 
-__all__ = [  # the others are those of `featherstone_gait.walking`
-    "FLOORS",
-    "Floor",
-    "Outcome",
-    "Walk",
-    "crosscheck",
-    "replay",
-    "sinking",
-    "standing",
-    "summary",
-    "verdict",
+# the others are those of `featherstone_gait.walking`
+__all__ = [
+    "FLOORS", "Floor", "Outcome", "Walk", "crosscheck", "replay", "sinking", "standing", "summary", "verdict",
     "walk_on",
-]
+]  # fmt: skip

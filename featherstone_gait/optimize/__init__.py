@@ -19,19 +19,12 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .search import optimize_with_limits as optimize_with_limits
     from .summary_table import summary as summary
 
-_HOME = {
-    "AMPLITUDE": "search",
-    "BASELINES": "measure",
-    "OptimizeOptions": "options",
-    "main_job": "job",
-    "optimize_gait": "search",
-    "optimize_with_limits": "search",
-    "plot_angles": "plots",
-    "plot_convergence": "plots",
-    "summary": "summary_table",
-    "walking_cost": "planning",
-    "write_results": "report",
-}
+_MODULES = {
+    "job": ["main_job"], "measure": ["BASELINES"], "options": ["OptimizeOptions"], "planning": ["walking_cost"],
+    "plots": ["plot_angles", "plot_convergence"], "report": ["write_results"],
+    "search": ["AMPLITUDE", "optimize_gait", "optimize_with_limits"], "summary_table": ["summary"],
+}  # fmt: skip
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
 __all__ = sorted(_HOME)
 
 

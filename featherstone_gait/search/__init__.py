@@ -13,21 +13,16 @@ that depend on seed and costs alone, not on the size of the batches.  `run` eval
 several, such as restarts.  A cost that is not finite is worse than any other.
 """
 
-from featherstone_gait.base.deprecated import renamed
-from featherstone_gait.search.annealing import AdaptiveSimulatedAnnealing
-from featherstone_gait.search.cma_es import cma_es
-from featherstone_gait.search.minimization import minimize
-from featherstone_gait.search.noisy import minimize_noisy
-from featherstone_gait.search.run import run, run_together
+from ..base.deprecated import renamed
+from .annealing import AdaptiveSimulatedAnnealing
+from .cma_es import cma_es
+from .minimization import minimize
+from .noisy import minimize_noisy
+from .run import run, run_together
 
 __all__ = [
-    "AdaptiveSimulatedAnnealing",
-    "cma_es",
-    "minimize",
-    "minimize_noisy",
-    "run",
-    "run_together",
-]
+    "AdaptiveSimulatedAnnealing", "cma_es", "minimize", "minimize_noisy", "run", "run_together",
+]  # fmt: skip
 
 __getattr__ = renamed(
     __name__,

@@ -32,8 +32,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import floats, is_whole, shown
-from featherstone_gait.search.ask_tell import AskTell, check_start
+from ..base.arguments import floats, is_whole, shown
+from .ask_tell import AskTell, check_start
 
 SEEDS = 2**128  # of Philox
 REHEATED = 0.1  # miss count after max_miss misses (figure 14)

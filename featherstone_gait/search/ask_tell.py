@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import floats, shown
+from ..base.arguments import floats, shown
 
 Answer = float | tuple[float, str]  # a cost, or cost and status
 Cost = Callable[[np.ndarray], Answer]  # of a candidate (D,)

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import whole
-from featherstone_gait.search.ask_tell import check_start
-from featherstone_gait.search.generations import MOST, Generations, Method
+from ..base.arguments import whole
+from .ask_tell import check_start
+from .generations import MOST, Generations, Method
 
 # pycma's tests for the end are off, so that methods can be compared at equal numbers of evaluations.
 ENDLESS = {

@@ -17,7 +17,7 @@ from collections.abc import Generator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.search.ask_tell import AskTell
+from .ask_tell import AskTell
 
 Method = Generator[Sequence[np.ndarray], list[float]]
 

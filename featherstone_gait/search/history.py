@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from featherstone_gait.base.files import is_number
-from featherstone_gait.base.line_file import REMEDY, LineFile
-from featherstone_gait.search.annealing import MESSAGES, AdaptiveSimulatedAnnealing, Visit
+from ..base.files import is_number
+from ..base.line_file import REMEDY, LineFile
+from .annealing import MESSAGES, AdaptiveSimulatedAnnealing, Visit
 
 SYNC_INTERVAL = 1.0  # between moments at which the history is known to be on the disk, at least [s]
 

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
-from featherstone_gait.base.arguments import functions, path, truth, whole
-from featherstone_gait.search.annealing import MESSAGES, AdaptiveSimulatedAnnealing
-from featherstone_gait.search.ask_tell import Cost, Map, check_map
-from featherstone_gait.search.history import AnnealingHistory
-from featherstone_gait.search.speculation import Speculation
+from ..base.arguments import functions, path, truth, whole
+from .annealing import MESSAGES, AdaptiveSimulatedAnnealing
+from .ask_tell import Cost, Map, check_map
+from .history import AnnealingHistory
+from .speculation import Speculation
 
 
 def minimize(

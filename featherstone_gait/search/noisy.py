@@ -25,10 +25,10 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
-from featherstone_gait.base.arguments import functions, truth, whole
-from featherstone_gait.search.annealing import MESSAGES
-from featherstone_gait.search.ask_tell import Answer, Map, Search, check_map, check_search
-from featherstone_gait.search.run import costs_of
+from ..base.arguments import functions, truth, whole
+from .annealing import MESSAGES
+from .ask_tell import Answer, Map, Search, check_map, check_search
+from .run import costs_of
 
 NoisyCost = Callable[[np.ndarray, tuple[int, int, int]], Answer]  # of a candidate (D,) and a draw
 

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
-from featherstone_gait.base.arguments import functions, listed, truth, whole
-from featherstone_gait.search.ask_tell import Answer, Cost, Map, Search, check_map, check_search
+from ..base.arguments import functions, listed, truth, whole
+from .ask_tell import Answer, Cost, Map, Search, check_map, check_search
 
 MESSAGES = {
     0: "all evaluations made",

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from featherstone_gait.search.ask_tell import Answer
+from .ask_tell import Answer
 
 if TYPE_CHECKING:
-    from featherstone_gait.search.annealing import AdaptiveSimulatedAnnealing
+    from .annealing import AdaptiveSimulatedAnnealing
 
 RECENT = 100  # visits from which the probability of an improvement is estimated
 

@@ -28,19 +28,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import finite, floats
-from featherstone_gait.base.fixed_order import applied, total
-from featherstone_gait.base.portable_math import exp
-from featherstone_gait.scene.tree import GRAVITY
-from featherstone_gait.walking.preview_control import (
-    HORIZON,
-    ComPlan,
-    check_settings,
-    cost_to_go,
-    gains,
-    preview_sum,
-    zmp_reference,
-)
+from ..base.arguments import finite, floats
+from ..base.fixed_order import applied, total
+from ..base.portable_math import exp
+from ..scene.tree import GRAVITY
+from .preview_control import HORIZON, ComPlan, check_settings, cost_to_go, gains, preview_sum, zmp_reference
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +55,11 @@ def auxiliary_zmp_controller(
     sqrt(R / Q) seconds.  Raises ValueError unless all are > 0.
     """
     N = check_settings(N, T=T, z_c=z_c, Q=Q, R=R, g=g)
-    A, b = _pendulum(T, np.sqrt(g / z_c))
+    w = np.sqrt(g / z_c)
+    grown, shrunk = exp(np.array([w * T, -w * T]))
+    cosh, sinh = 0.5 * (grown + shrunk), 0.5 * (grown - shrunk)
+    A = np.array([[1.0, 0.0, 0.0], [1.0 - cosh, cosh, sinh / w], [-w * sinh, w * sinh, cosh]])
+    b = np.array([T, T - sinh / w, 1.0 - cosh])
     P = cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T, np.diag([Q, Q, Q * z_c / g]))
     K, preview = gains(A, b, P, R, N, np.array([Q, 0.0, 0.0]))
     preview[-1] += K[0] + K[1] - total(preview)
@@ -93,14 +89,6 @@ def plan_com_auxiliary(
     planned, position, velocity = (states[:, i].reshape(ref.shape) for i in range(3))
     zmp = planned + added
     return ComPlan(position, velocity, g / z_c * (position - zmp), zmp)
-
-
-def _pendulum(T: float, w: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (3, 3) and b (3,) of the state (p, c, c') over a sample in which p moves at constant speed."""
-    grown, shrunk = exp(np.array([w * T, -w * T]))
-    cosh, sinh = 0.5 * (grown + shrunk), 0.5 * (grown - shrunk)
-    A = np.array([[1.0, 0.0, 0.0], [1.0 - cosh, cosh, sinh / w], [-w * sinh, w * sinh, cosh]])
-    return A, np.array([T, T - sinh / w, 1.0 - cosh])
 
 
 def _track(controller: AuxiliaryZmpController, ref: np.ndarray, added: np.ndarray) -> np.ndarray:

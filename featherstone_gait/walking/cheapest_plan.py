@@ -22,15 +22,15 @@ import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, fields, replace
-from itertools import pairwise
 from types import NoneType
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
 from ..base.arguments import instance, listed, one_of, shown, whole
+from ..dynamics.jacobians import point_at
 from ..identification.curve import torque_speed
-from ..model import Model
+from ..model import Model, Servo
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_posture
 from ..scene.tree import GRAVITY
@@ -38,8 +38,8 @@ from .cost import WalkingCost
 from .cost_in_worlds import CostInWorlds, variations
 from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of
 from .generic_servo import HEIGHT, LEG
-from .inverse_kinematics import leg_joints, nearest
-from .kinematics import center_of_mass, link_index, link_poses
+from .inverse_kinematics import leg_length_to, nearest
+from .kinematics import center_of_mass, joint_limits, link_index, link_poses
 from .plan import BIOLOID_WALK, Plan, Sole, Walk, default_posture, downward, first_base, soles_of, walking_plan
 
 PlanKind: TypeAlias = Literal["cheapest", "plain"]
@@ -178,16 +178,13 @@ def first_gait(
     one_of("states", states, get_args(States))
     if plan == "cheapest":
         return cheapest_plan(scene, states, searched=searched, seed=seed, **walk).cost
-    planned = walking_plan(scene.model, **(_plain(scene) | walk))
-    return _cost(scene, planned, fit_states(scene.model, planned, states))
-
-
-def _plain(scene: CompiledScene) -> dict[str, Any]:
-    """Return the settings of the plain walk."""
     model, g = scene.model, downward(scene.gravity)
     if abs(standing_posture(model)[0] / HEIGHT - 1.0) < LIKE_BIOLOID:
-        return BIOLOID_WALK | {"g": g}
-    return asdict(_walk(PLAIN, _size(model, soles_of(model)[0]), g, {}))
+        plain = BIOLOID_WALK | {"g": g}
+    else:
+        plain = asdict(_walk(PLAIN, _size(model, soles_of(model)[0]), g, {}))
+    planned = walking_plan(model, **(plain | walk))
+    return WalkingCost(scene, fit_states(model, planned, states).gait, planned.start_up(1))
 
 
 def cheapest_plan(
@@ -242,7 +239,10 @@ def cheapest_plan(
     if len(counts) > 1 + len(SMALLER):
         raise ValueError(f"count has {len(counts)} numbers; give one, and up to {len(SMALLER)} for smaller boxes")
     points, trials = _spread(DRAWN * max(counts), len(PLAIN), seed), []
-    searched = searched or _in_worlds(scene)
+    if searched is None:  # `in_worlds`, for costs that differ in gait and start alone
+        worlds, offsets = variations(scene, WORLDS)
+        scenes = worlds.scenes(scene)
+        searched = lambda cost: CostInWorlds(cost, scenes, offsets)  # noqa: E731
     for where in (Box(), SLOW) if box is None else (box,):
         search = _Search(scene, states, where, searched, held)
         tried = search.tried(points, counts, plain=box is not None or where is not SLOW)
@@ -259,20 +259,15 @@ def fit_states(model: Model, plan: Plan, states: States) -> GaitFit:
     mirrored = states == "step"
     mirror = mirror_of(model) if mirrored else None
     fit = fit_gait(plan.stride(), 2 * N_POSES if mirrored else N_POSES, mirror=mirror)
-    lower, upper = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
-    return replace(fit, gait=replace(fit.gait, poses=np.clip(fit.gait.poses, lower, upper)))
+    return replace(fit, gait=replace(fit.gait, poses=np.clip(fit.gait.poses, *joint_limits(model))))
 
 
 def speed_limits(model: Model) -> np.ndarray:
     """Return the largest speeds of the joints (nj,) [rad/s]: their own limits and the no-load speeds of the servos."""
-    alone = {servo: _no_load(servo) for servo in dict.fromkeys(model.servos.values())}
-    servos = [model.servos.get(name) for name in model.joint_names]
-    limits = [joint.velocity for joint in model.moving_joints]
-    return np.array([min(limit, math.inf if s is None else alone[s]) for limit, s in zip(limits, servos)])
-
-
-def _no_load(servo: Any) -> float:
-    return torque_speed(servo).no_load_speed if servo.voltage_limit > 0.0 else math.inf
+    powered = [servo for servo in dict.fromkeys(model.servos.values()) if servo.voltage_limit > 0.0]
+    alone: dict[Servo | None, float] = {servo: torque_speed(servo).no_load_speed for servo in powered}
+    joints = model.moving_joints
+    return np.array([min(joint.velocity, alone.get(model.servos.get(joint.name), math.inf)) for joint in joints])
 
 
 class _Search:
@@ -285,16 +280,12 @@ class _Search:
         self.scene, self.states, self.searched, self.held = scene, states, searched, held
         self.g = downward(scene.gravity)
         self.speeds = speed_limits(model)
-        self.limits = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
+        self.limits = joint_limits(model)
         self.low, self.high = np.array([getattr(box, field.name) for field in fields(box)]).T
         self.soles = soles_of(model)
         self.length, self.height, self.width = _size(model, self.soles[0])
         if states == "step":
             mirror_of(model)  # raises what no trial is to swallow
-
-    def place(self, numbers: Sequence[float]) -> np.ndarray:
-        """Return the point of numbers in the units of `Box`; it may lie outside of the unit box."""
-        return (np.array(numbers) - self.low) / np.where(self.high > self.low, self.high - self.low, 1.0)
 
     def walk(self, point: np.ndarray) -> Walk:
         """Return the walk at a point of the unit box."""
@@ -303,7 +294,8 @@ class _Search:
 
     def tried(self, points: np.ndarray, counts: Sequence[int], plain: bool) -> list[_Tried]:
         """Try plans at points (n, 6) of the unit box and of smaller boxes around the best, after the plain plan."""
-        middle, tried = np.full(len(PLAIN), 0.5), [self.attempt(self.place(PLAIN))] if plain else []
+        first = (PLAIN - self.low) / np.where(self.high > self.low, self.high - self.low, 1.0)  # of the plain plan
+        middle, tried = np.full(len(PLAIN), 0.5), [self.attempt(first)] if plain else []
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             for n, share in zip(counts, (1.0, *SMALLER)):
                 where = np.clip(middle + share * (points - 0.5), 0.0, 1.0)
@@ -348,40 +340,22 @@ class _Search:
         return np.asarray((missed < NEAR) & ((angles >= lower) & (angles <= upper)).all(axis=1))
 
     def planned(self, walk: Walk) -> tuple[Plan, GaitFit, WalkingCost]:
-        settings = {field.name: getattr(walk, field.name) for field in fields(walk)}
-        plan = walking_plan(self.scene.model, followed=ACCURATE, **settings)
+        plan = walking_plan(self.scene.model, followed=ACCURATE, **asdict(walk))
         fit = fit_states(self.scene.model, plan, self.states)
-        return plan, fit, _cost(self.scene, plan, fit)
+        return plan, fit, WalkingCost(self.scene, fit.gait, plan.start_up(1))
 
     def attempt(self, point: np.ndarray) -> _Tried:
-        walk = self.walk(point)
+        walk, (lower, upper) = self.walk(point), self.limits
         try:
             _, fit, cost = self.planned(walk)
-            self._check(fit.gait)
+            angles = fit.gait.angles(TICK * np.arange(round(fit.gait.period / TICK) + 1))
+            if np.any((angles < lower) | (angles > upper)):
+                raise ValueError("the joint limits are violated between the poses")
+            if np.any(np.abs(np.diff(angles, axis=0)) > FASTER * TICK * self.speeds):
+                raise ValueError("joints would have to turn faster than they can without load")
         except ValueError as error:
             return point, Trial(walk, math.inf, str(error))
         return point, Trial(walk, *self.searched(cost)(fit.gait.to_vector()))
-
-    def _check(self, gait: Gait) -> None:
-        """Raise ValueError if the references violate limits of joints or speeds."""
-        ticks = round(gait.period / TICK)
-        angles = gait.angles(TICK * np.arange(ticks + 1))
-        lower, upper = self.limits
-        if np.any((angles < lower) | (angles > upper)):
-            raise ValueError("the joint limits are violated between the poses")
-        if np.any(np.abs(np.diff(angles, axis=0)) > FASTER * TICK * self.speeds):
-            raise ValueError("joints would have to turn faster than they can without load")
-
-
-def _cost(scene: CompiledScene, plan: Plan, fit: GaitFit) -> WalkingCost:
-    return WalkingCost(scene, fit.gait, plan.start_up(1))
-
-
-def _in_worlds(scene: CompiledScene, count: int = WORLDS) -> Searched:
-    """Return `in_worlds` for costs that differ in gait and start alone: the worlds are made once."""
-    worlds, offsets = variations(scene, count)
-    scenes = worlds.scenes(scene)
-    return lambda cost: CostInWorlds(cost, scenes, offsets)
 
 
 def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, held: dict[str, Any]) -> Walk:
@@ -411,14 +385,9 @@ def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, 
 def _size(model: Model, left: Sole) -> tuple[float, float, float]:
     """Return a leg's length, the height of the center of mass and the feet's distance from the middle, at zero [m]."""
     posture = np.zeros(len(model.joint_names))
-    poses = link_poses(model, posture)
-    by_name = {joint.name: joint for joint in model.joints}
-    row = link_index(model, left.link)
-    sole = poses.position[0, row] + poses.rotation[0, row] @ left.middle
-    joints = [by_name[model.joint_names[k]] for k in leg_joints(model, left.link)]
-    places = [poses.position[0, link_index(model, joint.child)] for joint in joints] + [sole]
-    length = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(places))
-    return length, float(center_of_mass(model, posture)[0, 2] - sole[2]), abs(float(sole[1]))
+    sole = point_at(link_poses(model, posture), link_index(model, left.link), left.middle)[0]
+    height = float(center_of_mass(model, posture)[0, 2] - sole[2])
+    return leg_length_to(model, left.link, sole), height, abs(float(sole[1]))
 
 
 def _spread(count: int, dimension: int, seed: int) -> np.ndarray:

@@ -20,13 +20,14 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import instance, is_real, shown
-from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
-from featherstone_gait.geometry.distance import clearance
-from featherstone_gait.model import Model
-from featherstone_gait.run.trajectory import Trajectory
-from featherstone_gait.scene.tree import GRAVITY
-from featherstone_gait.walking.cost import LOADED, RECORD, Measures, WalkingCost, window_of
+from ..base.arguments import instance, is_real, shown
+from ..dynamics import contact_positions_at, forward_kinematics
+from ..geometry.distance import clearance
+from ..model import Model
+from ..run.trajectory import Trajectory
+from ..scene.tree import GRAVITY
+from .cost import LOADED, RECORD, Measures, WalkingCost, window_of
+from .kinematics import joint_limits
 
 Channels = Mapping[str, np.ndarray]  # a `Trajectory`, or as much of one as is needed
 
@@ -78,14 +79,9 @@ class Constraints:
     @property
     def weights(self) -> dict[str, float]:
         """Weights of the limits that are set, by name."""
-        pairs = dict(
-            torque=self.torque_weight,
-            joint_margin=self.joint_weight,
-            slip=self.slip_weight,
-            zmp_margin=self.zmp_weight,
-            clearance=self.clearance_weight,
-        )
-        return {name: weight for name, weight in pairs.items() if getattr(self, name) is not None}
+        names = ("torque", "joint_margin", "slip", "zmp_margin", "clearance")
+        set_ = [name for name in names if getattr(self, name) is not None]
+        return {name: getattr(self, f"{name.removesuffix('_margin')}_weight") for name in set_}
 
     def violations(
         self, model: Model, run: Channels, window: slice, slip: float, gravity: Sequence[float] | np.ndarray = GRAVITY
@@ -99,8 +95,7 @@ class Constraints:
         if self.torque is not None:
             found["torque"] = np.abs(run["torque"][window]) - self.torque
         if self.joint_margin is not None:
-            lower, upper = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
-            q = run["q"][window]
+            (lower, upper), q = joint_limits(model), run["q"][window]
             found["joint_margin"] = self.joint_margin - np.minimum(q - lower, upper - q)
         if self.slip is not None:
             found["slip"] = np.array([[slip - self.slip]])

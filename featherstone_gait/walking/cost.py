@@ -24,21 +24,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base import deprecated
-from featherstone_gait.base.arguments import instance, is_real, whole
-from featherstone_gait.base.files import FilePath
-from featherstone_gait.core.effects.energies import METER
-from featherstone_gait.dynamics import contact_positions
-from featherstone_gait.model import Model
-from featherstone_gait.run.reference import Reference
-from featherstone_gait.run.simulate import simulate_batch, simulate_stream, standing_state
-from featherstone_gait.run.trajectory import Trajectory
-from featherstone_gait.scene.compile import CompiledScene
-from featherstone_gait.walking.gait import MOST_STRIDES, TICK, Gait, check_names, references
-from featherstone_gait.walking.gait_file import read_angles
+from ..base import deprecated
+from ..base.arguments import instance, is_real, whole
+from ..base.files import FilePath
+from ..core.effects.energies import METER
+from ..dynamics import contact_positions
+from ..model import Model
+from ..run.reference import Reference
+from ..run.simulate import simulate_batch, simulate_stream, standing_state
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
+from .gait import MOST_STRIDES, TICK, Gait, check_names, references
+from .gait_file import read_angles
 
 if TYPE_CHECKING:
-    from featherstone_gait.search.speculation import Candidate, Speculation
+    from ..search.speculation import Candidate, Speculation
 
 SAMPLE = 0.01  # [s] between records; slip is the length of a path, which needs fine samples
 LEAST_SPEED = 0.005  # [m/s]; below it the robot does not walk, and energy per distance means nothing

@@ -7,7 +7,6 @@ robots fall, in each of eight directions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os import cpu_count
@@ -15,16 +14,16 @@ from types import NoneType
 
 import numpy as np
 
-from featherstone_gait.base.arguments import instance, real, truth, whole
-from featherstone_gait.core.effects.energies import METER
-from featherstone_gait.model import Ground, HeightField
-from featherstone_gait.run.simulate import Push, simulate, standing_state
-from featherstone_gait.run.start import check_scene
-from featherstone_gait.run.trajectory import Trajectory
-from featherstone_gait.scene.compile import CompiledScene
-from featherstone_gait.walking.cost import walk_runs
-from featherstone_gait.walking.cost_in_worlds import MOST_WORLDS, variations, with_chatter
-from featherstone_gait.walking.feedback import BalancedWalk
+from ..base.arguments import instance, real, truth, whole
+from ..core.effects.energies import METER
+from ..model import Ground, HeightField
+from ..run.simulate import Push, simulate, standing_state
+from ..run.start import check_scene
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
+from .cost import walk_runs
+from .cost_in_worlds import MOST_WORLDS, variations, with_chatter
+from .feedback import BalancedWalk
 
 PUSHED_FOR = 0.1  # [s]
 BEFORE, AFTER = 1, 4  # strides before a push, and from it on
@@ -33,33 +32,6 @@ PHASES = 4
 RATIO = 2.0**0.125  # of successive impulses
 LEAST, LEVELS = 0.05, 200  # the smallest impulse [N s], and how many there are
 SEED = 3 * 10**5  # of the worlds
-
-
-@dataclass(frozen=True, eq=False)
-class Pushed:
-    """A robot that walks in several worlds and is pushed there."""
-
-    walk: BalancedWalk
-    feedback: bool
-    scenes: Sequence[CompiledScene]
-    offsets: np.ndarray  # (worlds, joints) of the joints at the start [rad]
-
-    def runs(self, impulse: float, direction: float, phase: float) -> list[Trajectory]:
-        """Simulate all worlds with an impulse [N s] toward `direction` [rad] from x, at `phase` (0 to 1)."""
-        motion, scene = self.walk.motion, self.scenes[0]
-        tick = scene.tick_steps * scene.timestep
-        begin = motion.begin(BEFORE) + round(phase * motion.period / tick) * tick
-        acts = [self.walk.controller(one, seed) for seed, one in enumerate(self.scenes)] if self.feedback else None
-        return walk_runs(
-            self.scenes, begin + AFTER * motion.period, [motion.reference(BEFORE + AFTER + 1)] * len(self.scenes),
-            self.offsets, pushes=[push_of_trunk(scene, impulse, direction, begin)], record=("base_q",),
-            record_interval=motion.tick, controller=acts,
-        )  # fmt: skip
-
-    def fall(self, impulse: float, direction: float) -> float:
-        """Return the share of worlds and phases in which the robot falls; chatter on stiff floors is no fall."""
-        runs = [run for k in range(PHASES) for run in self.runs(impulse, direction, k / PHASES)]
-        return sum(not with_chatter(run).ok for run in runs) / len(runs)
 
 
 def push_of_trunk(scene: CompiledScene, impulse: float, direction: float, begin: float) -> Push:
@@ -97,14 +69,28 @@ def pushes_survived(
     check_scene(scene)
     instance("walk", walk, BalancedWalk, "give what balanced returns")
     seed, feedback = whole("seed", seed, 0, "any number will do"), truth("feedback", feedback)
-    drawn, offsets = variations(scene, whole("worlds", worlds, 1, "it is a number of worlds", MOST_WORLDS), seed)
-    pushed = Pushed(walk, feedback, drawn.scenes(scene), offsets)
+    worlds = whole("worlds", worlds, 1, "it is a number of worlds", MOST_WORLDS)
+    drawn, offsets = variations(scene, worlds, seed)
+    motion, scenes, tick = walk.motion, drawn.scenes(scene), scene.tick_steps * scene.timestep
+    acts = [walk.controller(one, k) for k, one in enumerate(scenes)] if feedback else None
+
+    def fall(impulse: float, direction: float) -> float:
+        """Return the share of worlds and phases in which the robot falls; chatter on stiff floors is no fall."""
+        runs: list[Trajectory] = []
+        for k in range(PHASES):
+            begin = motion.begin(BEFORE) + round(k / PHASES * motion.period / tick) * tick
+            runs += walk_runs(
+                scenes, begin + AFTER * motion.period, [motion.reference(BEFORE + AFTER + 1)] * worlds, offsets,
+                pushes=[push_of_trunk(scene, impulse, direction, begin)], record=("base_q",),
+                record_interval=motion.tick, controller=acts,
+            )  # fmt: skip
+        return sum(not with_chatter(run).ok for run in runs) / len(runs)
 
     def found(k: int) -> float:
         good, bad = -1, LEVELS
         middle = 24
         while bad - good > 1:
-            stands = pushed.fall(LEAST * RATIO**middle, 2.0 * math.pi * k / DIRECTIONS) < 0.5
+            stands = fall(LEAST * RATIO**middle, 2.0 * math.pi * k / DIRECTIONS) < 0.5
             good, bad = (middle, bad) if stands else (good, middle)
             middle = min(good + 8, (good + bad + 1) // 2) if good >= 0 else bad // 2
         return LEAST * RATIO**good if good >= 0 else 0.0

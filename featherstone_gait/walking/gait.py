@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import finite, floats, instance, is_real, real, shown, texts, truth, whole
-from featherstone_gait.base.fixed_order import product, solve, total
-from featherstone_gait.dynamics import check_model
-from featherstone_gait.model import Model
-from featherstone_gait.walking.kinematics import joint_axes, link_poses
-from featherstone_gait.walking.plan import Stride
+from ..base.arguments import finite, floats, instance, is_real, real, shown, texts, truth, whole
+from ..base.fixed_order import product, solve, total
+from ..dynamics import check_model
+from ..model import Model
+from .kinematics import joint_axes, joint_limits, link_poses
+from .plan import Stride
 
 TICK = 0.04  # [s] between the references sent to the servos (Lima et al. 2013, figure 2)
 SHORTEST, LONGEST = 1e-6, 1e6  # times of a gait [s]
@@ -72,17 +72,14 @@ class Gait:
         poses = np.array(floats("gait: poses", self.poses))
         if poses.ndim != 2 or poses.shape[1] != len(names) or len(poses) < 3:
             raise ValueError(f"gait: poses must be (>= 3, {len(names)}), got {poses.shape}, of as many joint_names")
+        if not np.isfinite(poses).all():
+            pose, joint = np.argwhere(~np.isfinite(poses))[0]
+            raise ValueError(f"gait: pose {pose} of joint {names[joint]!r} is not finite")
         object.__setattr__(self, "joint_names", tuple(names))
         object.__setattr__(self, "poses", poses)
-        if not np.isfinite(poses).all():
-            pose, joint = np.argwhere(~np.isfinite(self.poses))[0]
-            raise ValueError(f"gait: pose {pose} of joint {self.joint_names[joint]!r} is not finite")
         if not (is_real(self.period) and 0 < self.period < LONGEST):
             raise ValueError(f"gait: period = {shown(self.period)} s must be finite and > 0")
-        if self.mirror is not None:
-            _check_mirror(self.mirror, len(names))
-        if self.mirror and len(poses) % 2:
-            raise ValueError(f"gait: a mirrored gait needs an even number of poses, got {len(poses)}")
+        _check_mirror(self.mirror, len(names), len(poses))
 
     def to_vector(self) -> np.ndarray:
         """Return the free poses as a vector (D,) [rad], pose by pose."""
@@ -154,7 +151,7 @@ def mirror_of(model: Model) -> Mirror:
     axes = dict(zip(names, joint_axes(model, link_poses(model, np.zeros(len(names))))[0]))
     index, sign = [], []
     for name in names:
-        partner = _other_side(name)
+        partner = name.replace("left", "right") if "left" in name else name.replace("right", "left")
         if partner not in names:
             raise ValueError(f"joint {name!r} of {model.name!r} has no partner {partner!r} on the other side")
         cosine = total(axes[name] * axes[partner] * (-1.0, 1.0, -1.0))
@@ -187,10 +184,7 @@ def fit_gait(stride: Stride, n_poses: int = 4, *, mirror: Mirror | None = None, 
     """
     instance("stride", stride, Stride, "give what Plan.stride returns")
     n_poses = whole("n_poses", n_poses, 3, "give the number of key poses", len(stride.times))
-    if mirror is not None:
-        _check_mirror(mirror, len(stride.joint_names))
-        if n_poses % 2:
-            raise ValueError(f"n_poses is {n_poses}; a mirrored gait needs an even number of poses: give {n_poses + 1}")
+    _check_mirror(mirror, len(stride.joint_names), n_poses)
     fit_phase = truth("fit_phase", fit_phase)
     phases = stride.times[stride.times < stride.period / n_poses] if fit_phase else stride.times[:1]
     fits = [_fit_at(stride, n_poses, mirror, phase) for phase in phases]
@@ -270,7 +264,7 @@ def bounds(model: Model, gait: Gait) -> np.ndarray:
     """
     check_model(model)
     instance("gait", gait, Gait, "give a Gait, as fit_gait(...).gait")
-    limits = np.array([(joint.lower, joint.upper) for joint in model.moving_joints])
+    limits = joint_limits(model).T
     return np.tile(limits, (len(gait.to_vector()) // len(limits), 1))
 
 
@@ -281,10 +275,16 @@ def check_names(name: str, gait: Gait, angles: ArrayLike) -> None:
         raise ValueError(f"{name} must be finite and ({len(gait.joint_names)},) or with as many columns, got {a.shape}")
 
 
-def _check_mirror(mirror: Mirror, count: int) -> None:
+def _check_mirror(mirror: Mirror | None, count: int, poses: int) -> None:
+    if mirror is None:
+        return
     instance("mirror", mirror, Mirror, "give what mirror_of returns, or None")
     if np.shape(mirror.index) != (count,) or np.shape(mirror.sign) != (count,):
         raise ValueError(f"mirror is of {np.shape(mirror.index)} joints; expected {count}: give mirror_of(model)")
+    if poses % 2:
+        raise ValueError(
+            f"gait: a mirrored gait needs an even number of poses (n_poses), got {poses}: give {poses + 1}"
+        )
 
 
 def periodic_spline(values: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -299,14 +299,6 @@ def periodic_spline(values: np.ndarray, s: np.ndarray) -> np.ndarray:
     i = np.minimum(u.astype(int), k - 1)
     right = (u - i).reshape(-1, *(1,) * (values.ndim - 1))
     left = 1.0 - right
-    M = _second_derivatives(values)
-    j = (i + 1) % k
-    bent = (left * left * left - left) * M[i] + (right * right * right - right) * M[j]
-    return left * values[i] + right * values[j] + bent / 6.0
-
-
-def _second_derivatives(values: np.ndarray) -> np.ndarray:
-    k = len(values)
     z = np.sqrt(3.0) - 2.0  # root of z^2 + 4 z + 1
     power = np.cumprod(np.concatenate([[1.0], np.full(k, z)]))
     green = (power[:k] + power[:0:-1]) / ((1.0 - power[k]) * 2.0 * np.sqrt(3.0))
@@ -314,7 +306,9 @@ def _second_derivatives(values: np.ndarray) -> np.ndarray:
     M = np.zeros_like(values)
     for j in range(k):
         M += green[j] * np.roll(rhs, j, axis=0)
-    return M
+    j = (i + 1) % k
+    bent = (left * left * left - left) * M[i] + (right * right * right - right) * M[j]
+    return left * values[i] + right * values[j] + bent / 6.0
 
 
 def _fit_at(stride: Stride, n_poses: int, mirror: Mirror | None, phase: float) -> GaitFit:
@@ -329,9 +323,3 @@ def _fit_at(stride: Stride, n_poses: int, mirror: Mirror | None, phase: float) -
     residual = np.degrees(gait.angles(stride.times - phase) - stride.angles)
     rms = np.sqrt(total(residual * residual, axis=0) / len(residual))
     return GaitFit(gait, float(phase), rms, np.abs(residual).max(axis=0))
-
-
-def _other_side(name: str) -> str:
-    if "left" in name:
-        return name.replace("left", "right")
-    return name.replace("right", "left")

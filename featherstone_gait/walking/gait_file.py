@@ -7,16 +7,15 @@ degrees.  An AX-12 counts 0..1023 over 300 degrees, 512 in the middle (ROBOTIS e
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import finite, floats, texts
-from featherstone_gait.base.arguments import path as path_of
-from featherstone_gait.base.files import FilePath, Format, number, read_csv, write_csv
+from ..base.arguments import finite, floats, texts
+from ..base.arguments import path as path_of
+from ..base.files import FilePath, Format, read_csv, write_csv
+from ..identification.recording import read_columns
 
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
 TIME_COLUMN = "time_s"
@@ -110,22 +109,26 @@ def read_angles(
         beyond one turn, times that do not increase, or an unknown format; the message names file, line and column.
     """
     path = path_of("path", path)
-    joint_names = None if joint_names is None else texts("joint_names", joint_names)
-    lines = list(read_csv(path, ANGLES)) or [(1, [])]
-    (line, header), rows = lines[0], lines[1:]
-    names = _header(path, line, header, joint_names)
-    if not rows:
-        raise ValueError(f"{path}: no rows below the header; at least one is needed")
-    table = np.array([_row(path, line, row, header) for line, row in rows])
-    late = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
+    header = [name.strip() for name in next(read_csv(path, ANGLES), (1, []))[1]]
+    names = tuple(header[1:] if joint_names is None else texts("joint_names", joint_names))
+    table, lines = read_columns(path, ANGLES, (TIME_COLUMN, *names), (), least=1)
+    if not names:
+        raise ValueError(f"{path}: no column of a joint; there must be one for each joint of the robot")
+    times, degrees = table[TIME_COLUMN], np.column_stack([table[name] for name in names])
+    late = np.flatnonzero(np.diff(times) <= 0.0)
     if len(late):
         k = late[0] + 1
         raise ValueError(
-            f"{path}, line {rows[k][0]}, column {TIME_COLUMN!r}: {table[k, 0]} s does not lie after "
-            f"{table[k - 1, 0]} s; sort the rows by time and drop doubled ones"
+            f"{path}, line {lines[k]}, column {TIME_COLUMN!r}: {times[k]} s does not lie after {times[k - 1]} s; sort "
+            "the rows by time and drop doubled ones"
         )
-    columns = [header.index(name) for name in names]
-    return table[:, 0], np.radians(table[:, columns]), names
+    beyond = np.argwhere(np.abs(degrees) > 360.0)
+    if len(beyond):
+        k, joint = beyond[0]
+        raise ValueError(
+            f"{path}, line {lines[k]}, column {names[joint]!r}: {degrees[k, joint]:g} must lie in -360..360 deg"
+        )
+    return times, np.radians(degrees), names
 
 
 def _degrees(counts: float | np.ndarray) -> float | np.ndarray:
@@ -139,35 +142,3 @@ def _write(path: FilePath, form: Format, times: np.ndarray, values: np.ndarray, 
     # Rounding takes the noise of k * 0.04 off the times; the values keep all digits.
     rows = ([round(float(t), 9), *row] for t, row in zip(times, np.asarray(values).tolist()))
     write_csv(path, form, [TIME_COLUMN, *joint_names], rows)
-
-
-def _header(path: FilePath, line: int, header: list[str], joint_names: Sequence[str] | None) -> tuple[str, ...]:
-    """Check the header and return the joint names in the order wanted."""
-    if not header or header[0] != TIME_COLUMN:
-        raise ValueError(f"{path}, line {line}: the first column must be {TIME_COLUMN!r}, got {header[:1]}")
-    found = header[1:]
-    doubled = sorted(name for name, times in Counter(found).items() if times > 1)
-    wanted = tuple(found if joint_names is None else joint_names)
-    missing, unknown = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
-    if doubled or missing or unknown or not found:
-        raise ValueError(
-            f"{path}, line {line}: joint_names: columns doubled: {doubled}, missing: {missing}, unknown: {unknown}; "
-            "there must be one column for each joint of the robot and no other"
-        )
-    return wanted
-
-
-def _row(path: FilePath, line: int, row: list[str], header: list[str]) -> list[float]:
-    if len(row) != len(header):
-        raise ValueError(f"{path}, line {line}: {len(row)} values, but the header has {len(header)} columns")
-    return [_number(path, line, name, text) for name, text in zip(header, row)]
-
-
-def _number(path: FilePath, line: int, name: str, text: str) -> float:
-    largest = math.inf if name == TIME_COLUMN else 360.0
-    value = number(text)
-    if not (math.isfinite(value) and abs(value) <= largest):
-        unit = "s" if name == TIME_COLUMN else "deg, -360..360"
-        what = f"{path}, line {line}, column {name!r}: {text[:40]!r}"
-        raise ValueError(f"{what} must be a finite number [{unit}], with a decimal point")
-    return value

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import finite, floats, instance
-from featherstone_gait.base.fixed_order import product, solve, total
-from featherstone_gait.dynamics import check_model
-from featherstone_gait.dynamics.jacobians import jacobian_at, point_at
-from featherstone_gait.model import Model
-from featherstone_gait.walking.kinematics import link_index, link_poses
+from ..base.arguments import finite, floats, instance
+from ..base.fixed_order import product, solve, total
+from ..dynamics import check_model
+from ..dynamics.jacobians import jacobian_at, point_at
+from ..model import Model
+from .kinematics import joint_limits, link_index, link_poses
 
 TOLERANCE = 1e-11  # of the task error [m and rad]; rounding alone leaves 1e-16
 MAX_ITERATIONS = 200
@@ -52,6 +52,13 @@ def leg_joints(model: Model, foot: str) -> tuple[int, ...]:
     if not columns:
         raise ValueError(f"no moving joint leads from {model.root!r} to {foot!r}")
     return tuple(reversed(columns))
+
+
+def leg_length_to(model: Model, foot: str, end: np.ndarray) -> float:
+    """Return the length of a leg [m], all joints at zero: from joint to joint and to a point `end` (3,) of its foot."""
+    places = link_poses(model, np.zeros(len(model.joint_names))).position[0]
+    joints = [places[link_index(model, model.moving_joints[k].child)] for k in leg_joints(model, foot)]
+    return float(np.linalg.norm(np.diff([*joints, end], axis=0), axis=1).sum())
 
 
 def solve_leg(model: Model, foot: str, target: ArrayLike, *, times: np.ndarray | None = None, **how: Any) -> np.ndarray:
@@ -146,23 +153,22 @@ def nearest(
         size = np.sqrt(total(error * error))
         if (size < tolerance).all() or k == iterations - 1:
             break
-        angles[:, columns] += _newton_step(J, error, size)
+        transposed, damping = J.transpose(0, 2, 1), (size * size)[:, None, None] * np.eye(J.shape[1])
+        step = product(transposed, solve(product(J, transposed) + damping, error[..., None]))
+        angles[:, columns] += np.clip(step[..., 0], -MAX_STEP, MAX_STEP)
     return angles, size
 
 
 def mid_range(model: Model) -> np.ndarray:
     """Return the posture (nj,) [rad] in the middle of the joint ranges, 0 where a range is unbounded."""
-    ranges = np.array([(j.lower, j.upper) for j in model.moving_joints])
-    middle = np.zeros(len(ranges))
-    bounded = np.isfinite(ranges).all(axis=1)
-    middle[bounded] = 0.5 * (ranges[bounded, 0] + ranges[bounded, 1])
-    return middle
+    ranges = joint_limits(model)
+    bounded = np.isfinite(ranges).all(axis=0)
+    return 0.5 * np.where(bounded, ranges, 0.0).sum(axis=0)
 
 
 def check_limits(model: Model, angles: np.ndarray, times: np.ndarray | None = None) -> None:
     """Raise ValueError for the joint of `angles` (n, nj) [rad] that is farthest outside its limits, if one is."""
-    lower = np.array([j.lower for j in model.moving_joints])
-    upper = np.array([j.upper for j in model.moving_joints])
+    lower, upper = joint_limits(model)
     excess = np.maximum(lower - angles, angles - upper)
     if excess.size == 0 or excess.max() <= 0.0:
         return
@@ -186,22 +192,13 @@ def _task(
     """Return the task error (n, m) and its Jacobian (n, m, joints of the leg)."""
     poses = link_poses(model, angles)
     index = link_index(model, foot)
-    turned = poses.rotation[:, index]
-    reached = point_at(poses, index, point)
     # Half the sum of the cross products of the axes: the rotation's axis times the sine of its angle.
-    turn = 0.5 * total(np.cross(turned, rotation[None], axis=1))
-    error = np.concatenate([target - reached, turn], axis=1)
+    turn = 0.5 * total(np.cross(poses.rotation[:, index], rotation[None], axis=1))
+    error = np.concatenate([target - point_at(poses, index, point), turn], axis=1)
     first = model.nv - len(model.joint_names)
     J = jacobian_at(model, poses, foot, point)[:, [3, 4, 5, 0, 1, 2]][:, :, [first + c for c in columns]]
-    rows = {5: 5, 4: 3, 3: 3}.get(len(columns), 6 if len(columns) > 5 else 5)
+    rows = {5: 5, 4: 3, 3: 3}.get(len(columns), 6 if len(columns) > 5 else 5)  # that are met
     return error[:, :rows], J[:, :rows]
-
-
-def _newton_step(J: np.ndarray, error: np.ndarray, size: np.ndarray) -> np.ndarray:
-    transposed = J.transpose(0, 2, 1)
-    damping = (size * size)[:, None, None] * np.eye(J.shape[1])
-    step = product(transposed, solve(product(J, transposed) + damping, error[..., None]))
-    return np.clip(step[..., 0], -MAX_STEP, MAX_STEP)
 
 
 def _when(k: int, times: np.ndarray | None) -> str:

@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait import dynamics
-from featherstone_gait.base.arguments import floats
-from featherstone_gait.dynamics import Poses
-from featherstone_gait.dynamics.jacobians import joint_axes as joint_axes
-from featherstone_gait.dynamics.jacobians import link_centers as link_centers
-from featherstone_gait.dynamics.jacobians import link_index as link_index
-from featherstone_gait.model import Model
+from .. import dynamics
+from ..base.arguments import floats
+from ..dynamics import Poses
+from ..dynamics.jacobians import joint_axes as joint_axes
+from ..dynamics.jacobians import link_centers as link_centers
+from ..dynamics.jacobians import link_index as link_index
+from ..model import Model
 
 
 def link_poses(model: Model, angles: ArrayLike, base_position: ArrayLike = 0.0) -> Poses:
@@ -23,17 +23,22 @@ def link_poses(model: Model, angles: ArrayLike, base_position: ArrayLike = 0.0) 
     The root link is upright, at `base_position` (n, 3) [m] or the origin.  Raises ValueError if `angles` do not fit the
     model.
     """
-    poses = dynamics.forward_kinematics(model, _upright(model, angles))
+    poses = dynamics.forward_kinematics(model, upright_states(model, angles))
     return poses._replace(position=poses.position + _shift(base_position)[:, None])
 
 
 def center_of_mass(model: Model, angles: ArrayLike, base_position: ArrayLike = 0.0) -> np.ndarray:
     """Return the whole model's center of mass (n, 3) [m]; arguments as of `link_poses`."""
-    return dynamics.center_of_mass(model, _upright(model, angles)) + _shift(base_position)
+    return dynamics.center_of_mass(model, upright_states(model, angles)) + _shift(base_position)
 
 
-def _upright(model: Model, angles: ArrayLike) -> np.ndarray:
-    """States (n, nq) with these joint angles, the root link upright at the origin."""
+def joint_limits(model: Model) -> np.ndarray:
+    """Return the lower and the upper limits (2, nj) of the moving joints [rad]."""
+    return np.reshape([(joint.lower, joint.upper) for joint in model.moving_joints], (-1, 2)).T
+
+
+def upright_states(model: Model, angles: ArrayLike) -> np.ndarray:
+    """Return states (n, nq) with these joint angles, the root link upright at the origin."""
     dynamics.check_model(model)
     angles = np.atleast_2d(floats("angles", angles))
     if angles.ndim != 2 or angles.shape[1] != len(model.joint_names):

@@ -34,9 +34,10 @@ from ..base.fixed_order import total
 from ..dynamics import contact_positions_at, forward_kinematics
 from ..geometry.distance import clearance, meeting_shapes, shape_distances
 from ..identification.curve import torque_speed
-from ..model import TORQUE_LAWS, Model, Servo
+from ..model import TORQUE_LAWS, Model, Servo, depth_first
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
+from .kinematics import link_poses, upright_states
 
 RECORD = ("base_q", "q", "qd", "torque", "current", "contact_force", "energy")
 FAST = 0.5  # of its largest speed: a foot that swings
@@ -133,13 +134,9 @@ class Feet:
     def of(cls, model: Model, standing: np.ndarray) -> Feet:
         """Find the feet of a robot whose soles are level in a posture (nj,) [rad] with its base upright."""
         names = tuple(dict.fromkeys(contact.link for contact in model.contacts))
-        links = [link.name for link in model.links]
-        rows = np.array([links.index(name) for name in names])
-        base = np.zeros(7 if model.base == "floating" else 0)
-        base[3:4] = 1.0
-        rotation = forward_kinematics(model, np.concatenate([base, standing])).rotation[rows]
+        rows = np.array([model.link_index(name) for name in names])
         points = np.array([names.index(contact.link) for contact in model.contacts])
-        return cls(names, rows, points, rotation[:, 2, :])
+        return cls(names, rows, points, link_poses(model, standing).rotation[0, rows, 2, :])
 
 
 class Watch:
@@ -153,13 +150,9 @@ class Watch:
         self.model = model
         self.standing = np.asarray(standing, dtype=float)
         self.feet = Feet.of(model, self.standing)
-        self.pairs = self._pairs()
-
-    def _pairs(self) -> np.ndarray:
-        """Return the pairs of shapes of different limbs, without those of `close`."""
-        pairs = self._of_limbs()
-        limit = BY_NAME["apart"]
-        return pairs[shape_distances(self.model, self._upright, pairs) >= limit.bound + limit.margin]
+        pairs, limit = self._of_limbs(), BY_NAME["apart"]
+        distance = shape_distances(model, upright_states(model, self.standing)[0], pairs)
+        self.pairs = pairs[distance >= limit.bound + limit.margin]  # without those of `close`
 
     def close(self) -> list[tuple[str, str]]:
         """Return links of different limbs that are not watched: they are too close in the first posture already."""
@@ -170,17 +163,15 @@ class Watch:
 
     def _of_limbs(self) -> np.ndarray:
         """Return pairs of shapes on different branches; on the same branch the joint limits keep links apart."""
-        shapes, above = self.model.shapes, _above(self.model)
+        shapes, above = self.model.shapes, {self.model.root: set[str]()}  # the ancestors of each link
+        for joint in depth_first(self.model):
+            above[joint.child] = above[joint.parent] | {joint.parent}
         pairs = [
             (a, b)
             for a, b in meeting_shapes(self.model).pairs.tolist()
             if shapes[a].link not in above[shapes[b].link] and shapes[b].link not in above[shapes[a].link]
         ]
         return np.array(pairs, dtype=np.int64).reshape(-1, 2)
-
-    @property
-    def _upright(self) -> np.ndarray:
-        return np.concatenate([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], self.standing])
 
     def quantities(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
         """Measure all quantities but `apart` in a window of a run's samples."""
@@ -220,8 +211,7 @@ class Watch:
         """Measure how far links are apart in postures (n, nj) [rad]."""
         if not len(self.pairs):
             return Quantity(np.full((len(q), 1), np.inf), np.zeros((len(q), 1)), ("",))
-        base = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(q), 1))
-        found = clearance(self.model, np.hstack([base, q]), self.pairs)
+        found = clearance(self.model, upright_states(self.model, q), self.pairs)
         names = [" and ".join(self.model.shapes[k].link for k in pair) for pair in found.shapes]
         return Quantity(found.distance[:, None], np.ones((len(q), 1)), names)
 
@@ -235,31 +225,15 @@ class Watch:
                 for one in LIMITS if one.name in found or one.name == "drift"]  # fmt: skip
 
 
-def _above(model: Model) -> dict[str, set[str]]:
-    """Return the ancestors of each link."""
-    parents = {joint.child: joint.parent for joint in model.joints}
-    above: dict[str, set[str]] = {}
-    for link in model.links:
-        found, name = set(), link.name
-        while name in parents:
-            name = parents[name]
-            found.add(name)
-        above[link.name] = found
-    return above
-
-
 def of_servos(scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
     """Measure torque and line of the servos that drive motors; return nothing if there are none."""
     model = scene.model
-    driven = [k for k, name in enumerate(model.joint_names) if name in model.servos]
-    servos = [model.servos[model.joint_names[k]] for k in driven]
+    names = [name for name in model.joint_names if name in model.servos]
+    driven, servos = [model.joint_names.index(name) for name in names], [model.servos[name] for name in names]
     if not scene.gearbox or not servos or any(servo.controller.law in TORQUE_LAWS for servo in servos):
         return {}
-    names = [model.joint_names[k] for k in driven]
-    stall = np.array([_stall_torque(servo) for servo in servos])
-    R = np.array([servo.resistance for servo in servos])
-    k = np.array([servo.gearbox.ratio * servo.motor_constant for servo in servos])
-    V = np.array([servo.voltage_limit for servo in servos])
+    columns = [(_stall_torque(s), s.resistance, s.gearbox.ratio * s.motor_constant, s.voltage_limit) for s in servos]
+    stall, R, k, V = np.array(columns).T
     torque = np.abs(run["torque"][window][:, driven]) / stall
     line = np.abs(R * run["current"][window] + k * run["qd"][window][:, driven]) / V
     always = np.ones(torque.shape)

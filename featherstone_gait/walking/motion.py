@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import floats, texts, truth, whole
-from featherstone_gait.base.arguments import path as path_of
-from featherstone_gait.base.files import FilePath, read_arrays
-from featherstone_gait.model import Ground, Model
-from featherstone_gait.run.reference import Reference
-from featherstone_gait.scene.contact import standing_height
-from featherstone_gait.walking.gait import MOST_STRIDES, TICK, Gait, references
-from featherstone_gait.walking.gait_file import ARRAYS, read_angles
+from ..base.arguments import floats, texts, truth, whole
+from ..base.arguments import path as path_of
+from ..base.files import FilePath, read_arrays
+from ..model import Ground, Model
+from ..run.reference import Reference
+from ..scene.contact import standing_height
+from .gait import MOST_STRIDES, TICK, Gait, references
+from .gait_file import ARRAYS, read_angles
+from .kinematics import upright_states
 
 SAME = 1e-9  # tolerance of the strides of a CSV [rad]
 UNEVEN = 1e-6  # tolerance of its ticks [s]
@@ -159,9 +160,8 @@ def servo_of(path: FilePath) -> str | None:
 
 def _period(path: Path, angles: np.ndarray) -> int:
     """Return the least number of rows after which the last ones repeat."""
-    n = len(angles)
-    for period in range(3, (n - 1) // 2 + 1):
-        if np.abs(angles[n - 1 - period :] - angles[n - 1 - 2 * period : n - period]).max() <= SAME:
+    for period in range(3, (len(angles) - 1) // 2 + 1):
+        if np.abs(angles[-1 - period :] - angles[-1 - 2 * period : -period]).max() <= SAME:
             return period
     raise ValueError(f"{path}: its last rows do not repeat; it must end in two equal strides and their first row")
 
@@ -197,7 +197,7 @@ def with_poses(model: Model, motion: Motion) -> Model:
     postures = {"start": motion.reference(1).values[0]} | {f"pose{k}": pose for k, pose in enumerate(motion.poses)}
     frames = {}
     for name, angles in postures.items():
-        q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *angles])
+        q = upright_states(model, angles)[0]
         q[2] = standing_height(model, Ground(), q)
         frames[name] = tuple(q.tolist())
     return replace(model, keyframes=frames)

@@ -23,17 +23,17 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import finite, is_real, one_of, real, shown, texts, whole
-from featherstone_gait.base.fixed_order import applied, total
-from featherstone_gait.base.portable_math import sincos
-from featherstone_gait.dynamics import Poses, check_model, contact_positions_at
-from featherstone_gait.model import Model
-from featherstone_gait.scene.tree import GRAVITY
-from featherstone_gait.walking.auxiliary_zmp import plan_com_auxiliary
-from featherstone_gait.walking.inverse_kinematics import check_limits, leg_joints, mid_range, reach
-from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
-from featherstone_gait.walking.preview_control import plan_com
-from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_margin, support_polygon
+from ..base.arguments import finite, is_real, one_of, real, shown, texts, whole
+from ..base.fixed_order import applied, total
+from ..base.portable_math import sincos
+from ..dynamics import Poses, check_model, contact_positions_at
+from ..model import Model
+from ..scene.tree import GRAVITY
+from .auxiliary_zmp import plan_com_auxiliary
+from .inverse_kinematics import check_limits, leg_joints, mid_range, reach
+from .kinematics import center_of_mass, link_index, link_poses
+from .preview_control import plan_com
+from .zero_moment_point import multibody_zmp, polygon_margin, support_polygon
 
 Preview: TypeAlias = Literal["cart_table", "auxiliary_zmp"]
 FOLLOWED = 1e-9  # tolerance of the center of mass along its path [m]

@@ -23,9 +23,9 @@ from decimal import Decimal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import floats, is_real, shown, whole
-from featherstone_gait.base.fixed_order import applied, product, total
-from featherstone_gait.scene.tree import GRAVITY
+from ..base.arguments import floats, is_real, shown, whole
+from ..base.fixed_order import applied, product, total
+from ..scene.tree import GRAVITY
 
 # Digits of the gains.  Against a 50-digit solution of the Riccati equation our error is up to 1e-13, SciPy's 8e-11: to
 # seven digits practically all gains are those of any solver.  The ZMP of a 0.3 m step moves by 2e-7 m.
@@ -107,7 +107,10 @@ def preview_controller(
         The gains.
     """
     N = check_settings(N, T=T, z_c=z_c, Q=Q, R=R, g=g)
-    A, b = _augmented_cart_table(T, z_c, g)
+    A, b, c = np.eye(4), np.array([T * T * T / 6, T * T / 2, T]), np.array([1.0, 0.0, -z_c / g])
+    A[1:, 1:] = [[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]]  # of the state (p - p_ref, dx) with input du
+    A[0, 1:] = applied(A[1:, 1:].T, c)
+    b = np.concatenate([[total(c * b)], b])
     P = cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T)
     K, preview = gains(A, b, P, R, N, -P[:, 0])
     return PreviewController(T, z_c, g, float(K[0]), K[1:], preview)
@@ -153,17 +156,6 @@ def zmp_reference(zmp_ref: ArrayLike) -> np.ndarray:
     if ref.ndim not in (1, 2) or len(ref) == 0 or not np.isfinite(ref).all():
         raise ValueError(f"zmp_ref must be a finite (n,) or (n, axes) array with n > 0, got shape {ref.shape}")
     return ref
-
-
-def _augmented_cart_table(T: float, z_c: float, g: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (4, 4) and b (4,) of the state (p - p_ref, dx) with input du."""
-    A = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
-    b = np.array([T * T * T / 6, T * T / 2, T])
-    c = np.array([1.0, 0.0, -z_c / g])
-    augmented = np.eye(4)
-    augmented[0, 1:] = applied(A.T, c)
-    augmented[1:, 1:] = A
-    return augmented, np.concatenate([[total(c * b)], b])
 
 
 def cost_to_go(

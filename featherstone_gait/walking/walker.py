@@ -16,13 +16,13 @@ import numpy as np
 
 from ..base.arguments import texts, truth
 from ..base.files import FilePath
-from ..dynamics import contact_positions
+from ..dynamics import contact_positions_at
 from ..model import Model
 from ..robot_file import load_robot, robot_names
 from ..robot_file.servos import with_servo
 from .generic_servo import with_generic_servos
-from .inverse_kinematics import leg_joints
-from .kinematics import link_index, link_poses
+from .inverse_kinematics import leg_joints, leg_length_to
+from .kinematics import link_poses
 from .plan import soles_of
 
 GENERIC, MARGIN = "generic", 2.0  # times as strong as an AX-12 scaled to the robot: with 1 no plan of a G1 walks
@@ -78,12 +78,6 @@ def leg_length(model: Model) -> float:
     """
     if not model.contacts:
         raise ValueError(f"{model.name} has no contact points; load it with contacts='feet'")
-    zero = np.zeros(len(model.joint_names))
-    base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
-    points = contact_positions(model, [*base, *zero])
+    points = contact_positions_at(model, link_poses(model, np.zeros(len(model.joint_names))))[0]
     foot = model.contacts[int(np.argmin(points[:, 2]))].link
-    on_foot = points[[point.link == foot for point in model.contacts]].mean(axis=0)
-    children = {joint.name: joint.child for joint in model.joints}
-    poses = link_poses(model, zero)
-    leg = [poses.position[0, link_index(model, children[model.joint_names[k]])] for k in leg_joints(model, foot)]
-    return float(np.linalg.norm(np.diff([*leg, on_foot], axis=0), axis=1).sum())
+    return leg_length_to(model, foot, points[[point.link == foot for point in model.contacts]].mean(axis=0))

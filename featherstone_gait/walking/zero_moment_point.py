@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
-from featherstone_gait.base.arguments import finite, real
-from featherstone_gait.base.fixed_order import applied, total
-from featherstone_gait.dynamics import check_model
-from featherstone_gait.model import Model, inertia_matrix
-from featherstone_gait.scene.tree import GRAVITY
-from featherstone_gait.walking.kinematics import link_centers, link_poses
+from ..base.arguments import finite, real
+from ..base.fixed_order import applied, total
+from ..dynamics import check_model
+from ..model import Model, inertia_matrix
+from ..scene.tree import GRAVITY
+from .kinematics import link_centers, link_poses
 
 LEAST = 5  # samples of a motion
 
@@ -58,9 +58,9 @@ def multibody_zmp(
     if len(angles) < LEAST:
         raise ValueError(f"angles have {len(angles)} samples; accelerations take {LEAST} or more")
     poses = link_poses(model, angles, base_position)
-    mass = np.array([link.mass for link in model.links])
-    center = link_centers(model, poses)[2:-2]
-    force = mass[:, None] * (_second_difference(link_centers(model, poses), T)[1:-1] + np.array([0.0, 0.0, g]))
+    mass, centers = np.array([link.mass for link in model.links]), link_centers(model, poses)
+    center, acceleration = centers[2:-2], (centers[3:-1] - 2 * centers[2:-2] + centers[1:-3]) / (T * T)
+    force = mass[:, None] * (acceleration + np.array([0.0, 0.0, g]))
     momentum_rate = total(_central_difference(_angular_momentum(model, poses.rotation, T), T), axis=1)
     weight = total(force[..., 2])
     lever = total(center[..., :2] * force[..., 2:] - center[..., 2:] * force[..., :2], axis=1)
@@ -94,7 +94,3 @@ def _angular_momentum(model: Model, rotation: np.ndarray, T: float) -> np.ndarra
 
 def _central_difference(x: np.ndarray, T: float) -> np.ndarray:
     return (x[2:] - x[:-2]) / (2 * T)
-
-
-def _second_difference(x: np.ndarray, T: float) -> np.ndarray:
-    return (x[2:] - 2 * x[1:-1] + x[:-2]) / (T * T)

@@ -129,7 +129,7 @@ def test_a_model_that_cannot_stand_is_refused():
         (dict(com_height=0.3), r"cannot reach .* at t = .* lower center of mass"),
         (dict(step_length=0.2), r"cannot reach .* shorter step"),
         (dict(lift=0.1), r"joint 'left_\w+' needs .* outside its limits"),
-        (dict(n_steps=3), "n_steps = 3"),
+        (dict(n_steps=3), "n_steps is 3"),
         (dict(step_time=0.325), "whole number of samples"),
         (dict(double_support=0.0), "double_support = 0.0"),
         (dict(preview="jerk"), "walk: preview .*cart_table"),
