@@ -27,7 +27,7 @@ from featherstone_gait.base.files import Format, complete, write_csv
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.optimize.quality import TEST_WORLDS, measure_in_test_worlds
 from featherstone_gait.reproduction import solver_scatter
-from featherstone_gait.walking import BIOLOID_WALK, Walk, WalkingCost, cheapest_plan, read_walk, walking_plan
+from featherstone_gait.walking import BIOLOID_WALK, WalkingCost, WalkSettings, cheapest_plan, read_walk, walking_plan
 from featherstone_gait.walking.cheapest_plan import CheapestPlan, States, fit_states
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 from featherstone_gait.walking.disturbed import pushes_survived, rough_field, walk_far
@@ -75,7 +75,7 @@ def previews() -> Iterable[Row]:
     scene = _plain("step").scene
     cheapest = _cheapest("step").plan.walk
     for name, walk, weights in (
-        ("plain", Walk(**BIOLOID_WALK), (1e-7, 1e-5, 1e-4)),
+        ("plain", WalkSettings(**BIOLOID_WALK), (1e-7, 1e-5, 1e-4)),
         ("cheapest", cheapest, (1e-7, 1e-5)),
     ):
         auxiliary = [replace(walk, preview="auxiliary_zmp", R=R) for R in weights]

@@ -8,12 +8,13 @@ A gait that was optimized on one ground may walk only there.  `docs/crosscheck.m
 how the stored gaits walk.  MuJoCo is an extra: `pip install featherstone-gait[mjcf]`.
 """
 
+from ..base.deprecated import renamed
 from ..walking.motion import Motion as Motion
 from ..walking.motion import motion_of as motion_of
 from ..walking.motion import read_motion as read_motion
 from .floors import FLOORS as FLOORS
 from .floors import Outcome as Outcome
-from .floors import Walk as Walk
+from .floors import WalkResult as WalkResult
 from .floors import walk_on as walk_on
 from .in_mujoco import Floor as Floor
 from .in_mujoco import replay as replay
@@ -25,6 +26,8 @@ from .run import verdict as verdict
 
 # the others are those of `featherstone_gait.walking`
 __all__ = [
-    "FLOORS", "Floor", "Outcome", "Walk", "crosscheck", "replay", "sinking", "standing", "summary", "verdict",
+    "FLOORS", "Floor", "Outcome", "WalkResult", "crosscheck", "replay", "sinking", "standing", "summary", "verdict",
     "walk_on",
 ]  # fmt: skip
+
+__getattr__ = renamed(__name__, {"Walk": "featherstone_gait.crosscheck.floors:WalkResult"})

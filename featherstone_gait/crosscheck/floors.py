@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
+from ..base.deprecated import renamed
 from ..model import Ground
 from ..run.simulate import simulate, standing_state
 from ..run.trajectory import Trajectory
@@ -24,7 +25,7 @@ FLOORS = {  # by name; time constants [s] from the stiffest that steps of 0.5 ms
 
 
 @dataclass(frozen=True)
-class Walk:
+class WalkResult:
     """A motion's walk on one floor.
 
     Attributes
@@ -60,14 +61,14 @@ class Outcome:
         The floor.
     sinking : float
         Penetration of the contact points under the robot's weight, in MuJoCo and here [m].
-    mujoco, own : Walk
+    mujoco, own : WalkResult
         The walks in MuJoCo and here.
     """
 
     floor: Floor
     sinking: float
-    mujoco: Walk
-    own: Walk
+    mujoco: WalkResult
+    own: WalkResult
 
     def as_dict(self) -> dict:
         """Return the values for JSON."""
@@ -122,9 +123,12 @@ def walk_on(
     return Outcome(floor, depth, *(_walk(scene, motion, each, strides) for each in (run, here)))
 
 
-def _walk(scene: CompiledScene, motion: Motion | BalancedWalk, run: Trajectory, strides: int) -> Walk:
+def _walk(scene: CompiledScene, motion: Motion | BalancedWalk, run: Trajectory, strides: int) -> WalkResult:
     times = motion.begin(WARM_UP), motion.begin(WARM_UP + strides)
     if run.ok:
-        return Walk(measured(scene, run, *times, strides, slip=False), run.end_time)
+        return WalkResult(measured(scene, run, *times, strides, slip=False), run.end_time)
     nan, weight = math.nan, scene.model.mass * math.hypot(*scene.gravity)
-    return Walk(Measures(run.message, strides, nan, nan, nan, nan, nan, weight), run.end_time)
+    return WalkResult(Measures(run.message, strides, nan, nan, nan, nan, nan, weight), run.end_time)
+
+
+__getattr__ = renamed(__name__, {"Walk": "featherstone_gait.crosscheck.floors:WalkResult"})

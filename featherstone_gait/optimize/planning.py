@@ -51,7 +51,7 @@ def walking_cost(
     plan : {"plain", "cheapest"}
         The plain plan, or a search for the cheapest one (`walking.first_gait`).
     **walk
-        Settings of `walking.Walk` that differ from `BIOLOID_WALK`.
+        Settings of `walking.WalkSettings` that differ from `BIOLOID_WALK`.
 
     Returns
     -------

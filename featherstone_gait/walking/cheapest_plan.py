@@ -40,7 +40,7 @@ from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of
 from .generic_servo import HEIGHT, LEG
 from .inverse_kinematics import leg_length_to, nearest
 from .kinematics import center_of_mass, joint_limits, link_index, link_poses
-from .plan import BIOLOID_WALK, Plan, Sole, Walk, default_posture, downward, first_base, soles_of, walking_plan
+from .plan import BIOLOID_WALK, Plan, Sole, WalkSettings, default_posture, downward, first_base, soles_of, walking_plan
 
 PlanKind: TypeAlias = Literal["cheapest", "plain"]
 States: TypeAlias = Literal["stride", "step"]
@@ -70,11 +70,11 @@ class Box:
     Attributes
     ----------
     step_length, step_time, lift : tuple of float
-        As of `Walk`.
+        As of `WalkSettings`.
     sinking : tuple of float
         How much lower the center of mass is than with all joints at zero.
     half_width : tuple of float
-        As of `Walk`, relative to that of the feet with all joints at zero.
+        As of `WalkSettings`, relative to that of the feet with all joints at zero.
     double_support : tuple of float
         Share of a step.
     """
@@ -99,7 +99,7 @@ SLOW = Box(step_time=(2.2, 3.6), lift=(0.03, 0.1), half_width=(0.8, 1.2))  # for
 class Trial(NamedTuple):
     """A plan that was tried."""
 
-    walk: Walk
+    walk: WalkSettings
     cost: float  # that the search minimizes [J/m]; infinite if it does not walk
     status: str  # "ok", or why it does not walk
 
@@ -160,7 +160,7 @@ def first_gait(
     searched, seed
         As of `cheapest_plan`.
     **walk
-        Settings of `Walk` that are fixed.
+        Settings of `WalkSettings` that are fixed.
 
     Returns
     -------
@@ -214,7 +214,7 @@ def cheapest_plan(
     seed : int
         Seed of the plans.
     **held
-        Settings of `Walk` that are fixed.
+        Settings of `WalkSettings` that are fixed.
 
     Returns
     -------
@@ -287,7 +287,7 @@ class _Search:
         if states == "step":
             mirror_of(model)  # raises what no trial is to swallow
 
-    def walk(self, point: np.ndarray) -> Walk:
+    def walk(self, point: np.ndarray) -> WalkSettings:
         """Return the walk at a point of the unit box."""
         numbers = (self.low + point * (self.high - self.low)).tolist()
         return _walk(numbers, (self.length, self.height, self.width), self.g, self.held)
@@ -339,7 +339,7 @@ class _Search:
         lower, upper = self.limits
         return np.asarray((missed < NEAR) & ((angles >= lower) & (angles <= upper)).all(axis=1))
 
-    def planned(self, walk: Walk) -> tuple[Plan, GaitFit, WalkingCost]:
+    def planned(self, walk: WalkSettings) -> tuple[Plan, GaitFit, WalkingCost]:
         plan = walking_plan(self.scene.model, followed=ACCURATE, **asdict(walk))
         fit = fit_states(self.scene.model, plan, self.states)
         return plan, fit, WalkingCost(self.scene, fit.gait, plan.start_up(1))
@@ -358,7 +358,7 @@ class _Search:
         return point, Trial(walk, *self.searched(cost)(fit.gait.to_vector()))
 
 
-def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, held: dict[str, Any]) -> Walk:
+def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, held: dict[str, Any]) -> WalkSettings:
     """Return the walk of numbers in the units of `Box` and fixed settings; strides are a whole number of ticks."""
     step, time, lift, sinking, width, double = numbers
     length, height, half_width = size
@@ -379,7 +379,7 @@ def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, 
         "n_steps": STEPS,
         "g": g,
     }
-    return Walk(**({name: round(x, 6) for name, x in settings.items()} | preview | held))
+    return WalkSettings(**({name: round(x, 6) for name, x in settings.items()} | preview | held))
 
 
 def _size(model: Model, left: Sole) -> tuple[float, float, float]:

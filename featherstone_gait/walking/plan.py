@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, is_real, one_of, real, shown, texts, whole
+from ..base.deprecated import renamed
 from ..base.fixed_order import applied, total
 from ..base.portable_math import sincos
 from ..dynamics import Poses, check_model, contact_positions_at
@@ -45,13 +46,13 @@ DECIMALS = 9  # of the angles [rad]: a plan survives changes of last bits; far b
 
 # With this walk four poses a stride carry a humanoid of the size of a Bioloid, on AX-12 servos and without feedback; of
 # 256 gaits with all angles off by up to a degree 88 % walk ten strides.  3 mm narrower it is 79 %, 5 mm higher 86 %,
-# with steps of 0.36 s 86 %, and with those of 0.24 s or the defaults of `Walk` the gait itself falls; 3 mm wider it is
-# 92 %, but slower; 5 mm lower the knees pass their limits.
+# with steps of 0.36 s 86 %, and with those of 0.24 s or the defaults of `WalkSettings` the gait itself falls; 3 mm
+# wider it is 92 %, but slower; 5 mm lower the knees pass their limits.
 BIOLOID_WALK = {"step_time": 0.32, "com_height": 0.205, "half_width": 0.039, "n_steps": 12}
 
 
 @dataclass(frozen=True)
-class Walk:
+class WalkSettings:
     """Settings of a walk: a start from standing, steps of the same length, feet together at the end.
 
     Attributes
@@ -165,7 +166,7 @@ class Plan:
 
     Attributes
     ----------
-    walk : Walk
+    walk : WalkSettings
         The settings.
     joint_names : tuple of str
         Names of the joints.
@@ -189,7 +190,7 @@ class Plan:
         ZMP of the moving links, by central differences [m].
     """
 
-    walk: Walk
+    walk: WalkSettings
     joint_names: tuple[str, ...]
     times: np.ndarray
     angles: np.ndarray
@@ -276,7 +277,7 @@ def walking_plan(
     followed : float
         Tolerance of the center of mass along its path [m]; with 1e-5 a plan takes half the time.
     **settings
-        Settings of `Walk`.
+        Settings of `WalkSettings`.
 
     Returns
     -------
@@ -289,7 +290,7 @@ def walking_plan(
         If the model does not have two soles, or a posture is out of reach.
     """
     check_model(model)
-    walk = Walk(**settings)
+    walk = WalkSettings(**settings)
     followed = real("followed", followed, FOLLOWED, 1e-3, "give a distance [m]")
     soles = soles_of(model, feet)
     n = len(model.joint_names)
@@ -358,7 +359,7 @@ def default_posture(model: Model, soles: Iterable[Sole]) -> np.ndarray:
     return posture
 
 
-def _footholds(walk: Walk) -> np.ndarray:
+def _footholds(walk: WalkSettings) -> np.ndarray:
     """Return where the soles' middles stand (steps + 1, 2 feet, 2) before each step and after the last [m].
 
     The left foot stands in even steps.
@@ -371,7 +372,7 @@ def _footholds(walk: Walk) -> np.ndarray:
     return np.stack([x, y], axis=-1)
 
 
-def _feet_path(walk: Walk, footholds: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _feet_path(walk: WalkSettings, footholds: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the soles' paths (n, 2, 3) [m] and whether they stand (n, 2)."""
     path = np.zeros((len(times), 2, 3))
     contact = np.ones((len(times), 2), dtype=bool)
@@ -389,7 +390,7 @@ def _feet_path(walk: Walk, footholds: np.ndarray, times: np.ndarray) -> tuple[np
     return path, contact
 
 
-def _zmp_reference(walk: Walk, footholds: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _zmp_reference(walk: WalkSettings, footholds: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return the ZMP reference (n, 2) [m]: the middle of the standing sole; in double support, a line to the next."""
     standing = [footholds[i, i % 2] for i in range(walk.n_steps)]
     rests = [footholds[0].mean(axis=0), *standing, footholds[-1].mean(axis=0)]
@@ -408,7 +409,7 @@ def _interpolated(times: np.ndarray, knots: np.ndarray, values: np.ndarray) -> n
     return slopes[k] * (np.clip(times, knots[0], knots[-1]) - knots[k])[:, None] + values[k]
 
 
-def _com_path(walk: Walk, zmp: np.ndarray, height: float) -> np.ndarray:
+def _com_path(walk: WalkSettings, zmp: np.ndarray, height: float) -> np.ndarray:
     """Return the path (n, 3) [m], at a height, of the center of mass whose ZMP is `zmp` (n, 2)."""
     planned = plan_com if walk.preview == "cart_table" else plan_com_auxiliary
     position = planned(zmp, walk.T, walk.com_height, N=walk.N, Q=walk.Q, R=walk.R, g=walk.g).position
@@ -450,3 +451,6 @@ def _follow(
             return angles, base
         base = base + missed
     raise ValueError(f"the center of mass of {model.name!r} still misses its path by {np.abs(missed).max():.1e} m")
+
+
+__getattr__ = renamed(__name__, {"Walk": "featherstone_gait.walking.plan:WalkSettings"})

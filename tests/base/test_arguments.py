@@ -30,7 +30,7 @@ from featherstone_gait import (
 from featherstone_gait.run.prepare import prepare
 from featherstone_gait.search import minimize
 from featherstone_gait.walking.gait_file import write_angles
-from featherstone_gait.walking.plan import Walk
+from featherstone_gait.walking.plan import WalkSettings
 from featherstone_gait.walking.zero_moment_point import multibody_zmp
 
 pytestmark = pytest.mark.nojit
@@ -201,4 +201,4 @@ def test_what_the_long_attack_found_is_refused_by_name(call, message):
 
 
 def test_a_whole_number_of_steps_may_be_a_float():
-    assert isinstance(Walk(n_steps=4.0).n_steps, int)
+    assert isinstance(WalkSettings(n_steps=4.0).n_steps, int)

@@ -316,7 +316,7 @@ def trajectory(model: fg.Model, samples: int = 4) -> fg.Trajectory:
 def _walking() -> Iterator[Call]:
     robot = fg.load_robot("humanoid", locked="simplified")
     posture = np.zeros(len(robot.joint_names))
-    yield Call("Walk", walking.Walk, _all_fields(walking.Walk()))
+    yield Call("WalkSettings", walking.WalkSettings, _all_fields(walking.WalkSettings()))
     settings = {"n_steps": 4, "step_time": 0.32, "com_height": 0.205, "step_length": 0.02}
     yield Call("walking_plan", walking.walking_plan, {"model": robot, "feet": None, "posture": None} | settings, True)
     control = {"T": 0.01, "z_c": 0.2, "N": 50, "Q": 1.0, "R": 1e-6, "g": 9.81}
