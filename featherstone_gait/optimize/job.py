@@ -63,7 +63,10 @@ def main_job(robot: FilePath = "humanoid", options: OptimizeOptions | None = Non
     """
     began = time.perf_counter()
     instance("options", options, (OptimizeOptions, type(None)), "give OptimizeOptions(...)")
-    options = _with_keywords(options or OptimizeOptions(), old)
+    options = options or OptimizeOptions()
+    if old:
+        deprecated.warn(f"main_job({', '.join(old)}=...)", "main_job(robot, OptimizeOptions(...))")
+        options = replace(options, **{RENAMED.get(name, name): value for name, value in old.items()})
     job = prepare(robot, options)
     start = plan_start(job)
     searching = time.perf_counter()
@@ -75,11 +78,3 @@ def main_job(robot: FilePath = "humanoid", options: OptimizeOptions | None = Non
     report = write_report(job, start, result, found, measured, began, searching)
     job.print(summary(report))
     return report
-
-
-def _with_keywords(options: OptimizeOptions, keywords: dict[str, Any]) -> OptimizeOptions:
-    """Replace options by keywords as of version 0.1, with a warning."""
-    if not keywords:
-        return options
-    deprecated.warn(f"main_job({', '.join(keywords)}=...)", "main_job(robot, OptimizeOptions(...))")
-    return replace(options, **{RENAMED.get(name, name): value for name, value in keywords.items()})

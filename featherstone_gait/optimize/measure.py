@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult
@@ -22,9 +22,10 @@ from ..view.gait_page import least_so_far, parts_of
 from ..walking.cheapest_plan import PlanKind, States
 from ..walking.cost import WalkingCost
 from ..walking.walker import GENERIC
+from .feedback import report_feedback
 from .planning import Start, walking_cost
 from .preparation import Job
-from .quality import Quality, measure_in_test_worlds, measure_quality, with_standby
+from .quality import Quality, measure_in_test_worlds, measure_limits, measure_quality, with_standby
 from .selection import Selected
 
 BASELINES: dict[str, dict[str, Any]] = {  # plans that the gait is compared with, by what they change of the walk
@@ -37,33 +38,35 @@ SPEED_TOLERANCE = 0.05  # by how much speeds may differ that are called equal [-
 STANDBY = 0.05  # current of a servo's electronics, of an AX-12 [A]
 
 
-class Measured(NamedTuple):
-    """What was measured of the first gait and of the optimized one."""
-
-    before: Quality
-    after: Quality
-    test_worlds: list[dict[str, Any]] | None  # of both gaits
-    crosscheck: str | None
-    baselines: list[dict[str, Any]]
-    at_equal_speed: list[dict[str, Any]]
-
-
-def measure(job: Job, start: Start, result: OptimizeResult, found: Selected) -> Measured:
-    """Measure both gaits; after an interrupted search on the robot's own ground alone."""
-    options, cost, x0 = job.options, start.cost, start.cost.gait.to_vector()
+def measure(job: Job, start: Start, result: OptimizeResult, found: Selected) -> dict[str, Any]:
+    """Measure both gaits for the report; after an interrupted search on the robot's own ground alone."""
+    options, cost = job.options, start.cost
     if result.status == 2:
         options = replace(options, test_worlds=0, crosscheck=0, baselines=False)
-    before, after = (measure_quality(cost, x) for x in (x0, found.x))
-    worlds = None
+    gaits = {"before": cost.gait.to_vector(), "after": found.x}
+    quality = {side: measure_quality(cost, x) for side, x in gaits.items()}
+    worlds, limits = None, {side: measure_limits(cost, x, start.watch) for side, x in gaits.items()}
     if options.test_worlds:
-        worlds = measure_in_test_worlds(cost, [x0, found.walk or found.x], options.test_worlds, options.progress)
+        walks = [gaits["before"], found.walk or found.x]
+        worlds = measure_in_test_worlds(cost, walks, options.test_worlds, options.progress)
     checked = _walk_in_mujoco(job, cost, found) if options.crosscheck else None
     cheapest = start.plan != "cheapest" and options.baselines and options.worlds > 0
     count = min(options.test_worlds, BASELINE_WORLDS)
     baselines = _baselines(cost, start.plan, count, options.progress, cheapest)
     if worlds:
         baselines[0]["elsewhere"] = worlds[0]
-    return Measured(before, after, worlds, checked, baselines, _at_equal_speed(cost, result, baselines))
+    return {
+        **{side: one.as_dict() for side, one in quality.items()},
+        "elsewhere": worlds and dict(zip(gaits, worlds)),
+        **({} if options.servo is None else {"with_own_servos": measure_with_own_servos(job.own, cost)}),
+        "feedback": found.walk and report_feedback(cost, found.walk, options.worlds),
+        "crosscheck": checked,
+        "crosscheck_floors": floors_of_crosscheck(job.stem) if checked else [],
+        "plausible": limits | {"servo": _servo_limits(job.model), "not_watched": start.watch.close()},
+        "standby": standby_costs(job, quality),
+        "baselines": baselines,
+        "at_equal_speed": _at_equal_speed(cost, result, baselines),
+    }
 
 
 def measure_with_own_servos(own: Model, cost: WalkingCost) -> dict:
@@ -87,7 +90,7 @@ def servo_in_file(servo: FilePath | None) -> str:
     return str(Path(servo).resolve())
 
 
-def standby_costs(job: Job, measured: Measured) -> dict[str, Any]:
+def standby_costs(job: Job, quality: Mapping[str, Quality]) -> dict[str, Any]:
     """Compute the power drawn all the time [W] and the energy per distance with it [J/m].
 
     By default the electronics of each servo take `STANDBY` amperes, and locked servos no more than that.
@@ -106,7 +109,7 @@ def standby_costs(job: Job, measured: Measured) -> dict[str, Any]:
         "electronics of the locked servos": watts["locked"],
         "locked servos that hold": job.options.holding_power or 0.0,
     }
-    sides = {side: with_standby(getattr(measured, side).measures.as_dict(), watts) for side in ("before", "after")}
+    sides = {side: with_standby(one.measures.as_dict(), watts) for side, one in quality.items()}
     return {"watts": watts, "assumed": electronics is None} | sides
 
 
@@ -193,3 +196,16 @@ def _at_equal_speed(cost: WalkingCost, result: OptimizeResult, baselines: Sequen
                 "gain": cheapest and 1.0 - cheapest.cost / row["cost"],
             })  # fmt: skip
     return found
+
+
+def _servo_limits(model: Model) -> str:
+    """Describe in words what the servo can take."""
+    servo = next((servo for servo in model.servos.values() if servo.voltage_limit < math.inf), None)
+    if servo is None:
+        return ""
+    limit = f", and lets no more than {servo.current_limit:g} A pass" if servo.current_limit < math.inf else ""
+    return (
+        f"This servo stalls at {servo.voltage_limit / servo.resistance:.2f} A from {servo.voltage_limit:g} V{limit}; "
+        "a real AX-12 at 1.5 A from 12 V (its manual), which is for moments: the manual calls motions stable up to a "
+        "fifth of the stall torque."
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
 from typing import Any, NamedTuple, get_args
@@ -69,65 +68,55 @@ def walking_cost(
     return first_gait(scene, plan, states, **walk)
 
 
-class FirstGait(NamedTuple):
+class Start(NamedTuple):
     """The gait that a search starts from."""
 
     plan: PlanKind
-    cost: WalkingCost | None  # None: it cannot be planned
-    searched: Any  # the cost that the search minimizes, in worlds or on the robot's own ground
-    value: float  # what that is for the first gait [J/m]; infinite if it does not walk
-    status: str  # "ok", or why it does not walk
-
-
-class Start(NamedTuple):
-    """The start of a search."""
-
-    plan: PlanKind
     cost: WalkingCost
-    searched: WalkingCost | CostInWorlds
-    value: float  # [J/m]
+    searched: WalkingCost | CostInWorlds  # the cost that the search minimizes
+    value: float  # what that is for the first gait [J/m]; infinite if it does not walk
     failure: str  # why the first gait does not walk, or "ok"
     watch: Watch
 
 
 def plan_start(job: Job) -> Start:
     """Plan the gait that the search starts from; print its measures and how long the search takes."""
-    options = job.options
-    first = plan_first_gait(job, options.plan or "plain", optional=options.plan is None)
-    if options.plan is None and first.status != "ok":
-        job.print(f"plain plan: {first.status}; searching for the cheapest plan that walks")
-        cheapest = plan_first_gait(job, "cheapest", optional=first.cost is not None)
-        if cheapest.cost is not None:  # else the search starts from a gait that falls and may find one that walks
-            first = cheapest
-    assert first.cost is not None
+    options, first = job.options, None
+    try:
+        first = plan_first_gait(job, options.plan or "plain")
+        failure = first.failure
+    except ValueError as error:
+        if options.plan is not None:
+            raise
+        failure = str(error)
+    if options.plan is None and failure != "ok":
+        job.print(f"plain plan: {failure}; searching for the cheapest plan that walks")
+        try:
+            first = plan_first_gait(job, "cheapest")
+        except ValueError:  # the search starts from a gait that falls and may find one that walks
+            if first is None:
+                raise
+    assert first is not None
     check_history(job.history, first.value)
     x = first.cost.gait.to_vector()
     measures, worlds = first.cost.measure([x])[0], options.worlds
     job.print(f"first gait: {describe(measures)}")
     if worlds:
-        job.print(f"in {worlds} worlds: {f'{first.value:.1f} J/m' if first.status == 'ok' else first.status}")
+        job.print(f"in {worlds} worlds: {f'{first.value:.1f} J/m' if first.failure == 'ok' else first.failure}")
     if options.progress and job.robot != "humanoid":
         began = time.process_time()  # evaluated again: the first time may have compiled
         first.searched(x)
         slower = (time.process_time() - began) / (SECONDS["candidate in a world"] * max(worlds, 1))
         job.print(f"duration: about {max(slower * estimated_minutes(options), 1.0):.0f} min on two cores")
-    failure = first.status if measures.status == "ok" else measures.status
-    watch = Watch(job.model, first.cost.start[0])
-    return Start(first.plan, first.cost, first.searched, first.value, failure, watch)
+    return first if measures.status == "ok" else first._replace(failure=measures.status)
 
 
-def plan_first_gait(job: Job, plan: PlanKind, *, optional: bool) -> FirstGait:
-    """Plan a first gait; if it is optional, a plan that fails is a status, else a ValueError."""
+def plan_first_gait(job: Job, plan: PlanKind) -> Start:
+    """Plan a first gait and evaluate it; raise ValueError if there is none."""
     options = job.options
-    try:
-        states = options.states or default_states(job.model)
-        cost = walking_cost(job.model, options.gearbox, states=states, plan=plan)
-    except ValueError as error:
-        if not optional:
-            raise
-        return FirstGait(plan, None, None, math.inf, str(error))
+    cost = walking_cost(job.model, options.gearbox, states=options.states or default_states(job.model), plan=plan)
     searched = in_worlds(cost, options.worlds) if options.worlds else cost
-    return FirstGait(plan, cost, searched, *searched(cost.gait.to_vector()))
+    return Start(plan, cost, searched, *searched(cost.gait.to_vector()), Watch(job.model, cost.start[0]))
 
 
 def default_states(model: Model) -> States:

@@ -53,7 +53,14 @@ def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
         raise ValueError(f"{own.name} has no servos; name one (--servo): {GENERIC!r} is an AX-12 scaled to the robot")
     job = Job(options, robot, own, model, Path(options.out) / f"{Path(robot).stem}_gait")
     _check_options(options)
-    _check_folder(job.stem.parent)
+    folder = job.stem.parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"0")
+    except OSError as error:
+        why = f"{folder}: no file can be written here ({error.strerror}); give another folder (--out)"
+        raise OSError(why) from error
     if job.history.exists():
         if not options.resume:
             raise FileExistsError(
@@ -118,14 +125,3 @@ def _check_options(options: OptimizeOptions) -> None:
     for name in ("electronics_power", "holding_power"):
         if (power := getattr(options, name)) is not None:
             real(name, power, 0.0, 1e6, "it is a power [W]")
-
-
-def _check_folder(folder: Path) -> None:
-    """Make the folder and a file in it; raise OSError unless that works."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder) as file:
-            file.write(b"0")
-    except OSError as error:
-        why = f"{folder}: no file can be written here ({error.strerror}); give another folder (--out)"
-        raise OSError(why) from error

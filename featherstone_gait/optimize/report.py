@@ -17,27 +17,17 @@ from scipy.optimize import OptimizeResult
 from .. import __version__
 from ..base.files import Format, moving_up
 from ..crosscheck.run import files as crosscheck_files
-from ..model import Model
 from ..view.gait_page import write_gait_page
 from ..view.page import write_animation
 from ..walking.cost import WalkingCost
 from ..walking.feedback import add_feedback
 from ..walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from ..walking.limits import LIMITS
-from .feedback import report_feedback
-from .measure import (
-    Measured,
-    crosscheck_stem,
-    floors_of_crosscheck,
-    measure_with_own_servos,
-    servo_in_file,
-    servo_name,
-    standby_costs,
-)
+from .measure import crosscheck_stem, servo_in_file, servo_name
 from .planning import Start
 from .plots import plot_angles, plot_convergence
 from .preparation import Job, claimed
-from .quality import describe, measure_limits
+from .quality import describe
 from .search import AMPLITUDE, MAX_MISS, limits_history
 from .selection import Selected
 
@@ -46,13 +36,21 @@ STRIDES = 12  # in the files and the animation
 
 
 def write_report(
-    job: Job, start: Start, result: OptimizeResult, found: Selected, measured: Measured, began: float, searching: float
+    job: Job,
+    start: Start,
+    result: OptimizeResult,
+    found: Selected,
+    measured: dict[str, Any],
+    began: float,
+    searching: float,
 ) -> dict:
     """Write all files, which appear together when all are complete; return what the JSON file holds.
 
-    began: when the job began, of `time.perf_counter` [s]; searching: how long the search took [s].
+    measured: what `measure` returns; began: when the job began, of `time.perf_counter` [s]; searching: how long the
+    search took [s].
     """
     stem, cost = job.stem, start.cost
+    checked = zip(("crosscheck", "crosscheck_table"), crosscheck_files(crosscheck_stem(stem)))
     with claimed(job.history), _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result, servo_in_file(job.options.servo))
         if found.walk is not None:
@@ -69,14 +67,14 @@ def write_report(
                 "with_limits_from": result.get("since"),
                 "chosen_among": found.candidates,
             },
-            **_measured(job, start, found, measured),
+            **measured,
             # What differs from run to run:
             "evaluations": {"begun": result.nfev, "wasted": result.wasted, "lane_occupancy": _finite(result.occupancy)},
             "seconds": {"search": searching, "all": time.perf_counter() - began},
             "files": {kind: str(stem.parent / path.name) for kind, path in files.items()}
             | {"history": str(job.history)}
             | ({"limits_history": str(limits_history(job.history))} if "limited" in result else {})
-            | (_crosscheck_files(stem) if measured.crosscheck else {}),
+            | {kind: str(path) for kind, path in checked if measured["crosscheck"] and path.exists()},
         }  # fmt: skip
         text = json.dumps(report, indent=2)
         files["report"].write_text(text, encoding="utf-8")
@@ -134,28 +132,6 @@ def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult, servo: 
     return files
 
 
-def _measured(job: Job, start: Start, found: Selected, measured: Measured) -> dict[str, Any]:
-    """Collect the part of the report that was measured."""
-    cost, worlds, options = start.cost, measured.test_worlds, job.options
-    limits = {
-        side: measure_limits(cost, x, start.watch)
-        for side, x in (("before", cost.gait.to_vector()), ("after", found.x))
-    }
-    return {
-        "before": measured.before.as_dict(),
-        "after": measured.after.as_dict(),
-        "elsewhere": worlds and dict(zip(("before", "after"), worlds)),
-        **({} if options.servo is None else {"with_own_servos": measure_with_own_servos(job.own, cost)}),
-        "feedback": found.walk and report_feedback(cost, found.walk, options.worlds),
-        "crosscheck": measured.crosscheck,
-        "crosscheck_floors": floors_of_crosscheck(job.stem) if measured.crosscheck else [],
-        "plausible": limits | {"servo": _servo_limits(job.model), "not_watched": start.watch.close()},
-        "standby": standby_costs(job, measured),
-        "baselines": measured.baselines,
-        "at_equal_speed": measured.at_equal_speed,
-    }
-
-
 def _settings(job: Job, start: Start, result: OptimizeResult) -> dict[str, Any]:
     cost, options, scene = start.cost, job.options, start.cost.scene
     return {
@@ -168,25 +144,6 @@ def _settings(job: Job, start: Start, result: OptimizeResult) -> dict[str, Any]:
         "warm_up_strides": cost.warm_up, "measured_strides": cost.strides, "start_of_measurement": cost.mark,
         "limits": {one.name: one.bound for one in LIMITS} if "limited" in result else None,
     }  # fmt: skip
-
-
-def _servo_limits(model: Model) -> str:
-    """Describe in words what the servo can take."""
-    servo = next((servo for servo in model.servos.values() if servo.voltage_limit < math.inf), None)
-    if servo is None:
-        return ""
-    limit = f", and lets no more than {servo.current_limit:g} A pass" if servo.current_limit < math.inf else ""
-    return (
-        f"This servo stalls at {servo.voltage_limit / servo.resistance:.2f} A from {servo.voltage_limit:g} V{limit}; "
-        "a real AX-12 at 1.5 A from 12 V (its manual), which is for moments: the manual calls motions stable up to a "
-        "fifth of the stall torque."
-    )
-
-
-def _crosscheck_files(stem: Path) -> dict[str, str]:
-    """Name the files of the crosscheck by kind, if it has written any."""
-    paths = crosscheck_files(crosscheck_stem(stem))
-    return {kind: str(path) for kind, path in zip(("crosscheck", "crosscheck_table"), paths) if path.exists()}
 
 
 def _finite(value: float) -> float | None:

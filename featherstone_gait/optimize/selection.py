@@ -63,7 +63,8 @@ def choose_gait(
     most limits is chosen; among equals the one that walks in more worlds, then the one with the least cost there.
     """
     walking = [k for k, value in enumerate(tried["f"]) if math.isfinite(value)]
-    met = {k: _limits_met(cost, tried["x"][k], watch) for k in walking}
+    limits = {k: measure_limits(cost, tried["x"][k], watch)["limits"] or [] for k in walking}  # none if it falls
+    met = {k: sum(one["kept"] for one in found) for k, found in limits.items()}
     order = sorted(met, key=lambda k: (-met[k], tried["f"][k]))[:best]
     worlds = in_worlds(replace(cost, strides=TEST_STRIDES), WORLDS, SEED, timestep=FINER * cost.scene.timestep)
     rows: list[dict[str, Any]] = []
@@ -72,8 +73,3 @@ def choose_gait(
         rows.append({"candidate": k, "searched": float(tried["f"][k]), "kept": met[k], "walks": walks, "cost": price})
     first = min(rows, key=lambda row: (row["walks"] < 1.0 - 1.0 / WORLDS, -row["kept"], -row["walks"], row["cost"]))
     return tried["x"][int(first["candidate"])], rows
-
-
-def _limits_met(cost: WalkingCost, x: np.ndarray, watch: Watch) -> int:
-    """Count the limits that a gait meets on the robot's own ground; none if it falls."""
-    return sum(one["kept"] for one in measure_limits(cost, x, watch)["limits"] or [])
