@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from ..base.deprecated import renamed
 from ..model import Ground
 from ..run.simulate import simulate, standing_state
-from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from ..walking.cost import SAMPLE, Measures, measured
 from ..walking.feedback import BalancedWalk
@@ -120,15 +119,9 @@ def walk_on(
     here = simulate(
         own, end, state, reference, record=record, record_interval=SAMPLE, estimate_error=False, controller=acts
     )
-    return Outcome(floor, depth, *(_walk(scene, motion, each, strides) for each in (run, here)))
-
-
-def _walk(scene: CompiledScene, motion: Motion | BalancedWalk, run: Trajectory, strides: int) -> WalkResult:
-    times = motion.begin(WARM_UP), motion.begin(WARM_UP + strides)
-    if run.ok:
-        return WalkResult(measured(scene, run, *times, strides, slip=False), run.end_time)
-    nan, weight = math.nan, scene.model.mass * math.hypot(*scene.gravity)
-    return WalkResult(Measures(run.message, strides, nan, nan, nan, nan, nan, weight), run.end_time)
+    start = motion.begin(WARM_UP)
+    walks = (WalkResult(measured(scene, each, start, end, strides, slip=False), each.end_time) for each in (run, here))
+    return Outcome(floor, depth, *walks)
 
 
 __getattr__ = renamed(__name__, {"Walk": "featherstone_gait.crosscheck.floors:WalkResult"})

@@ -67,10 +67,11 @@ class Floor:
 
 
 class _Machine(NamedTuple):
-    """MuJoCo's model and the addresses in it; all arrays are (n,) in the order of the robot's joints."""
+    """MuJoCo's model, the servos and the joints' addresses; arrays are (n,) in the order of the robot's joints."""
 
     m: Any
     d: Any
+    chain: ServoChain
     q: np.ndarray  # addresses in qpos
     v: np.ndarray  # ... and in qvel
     motor: np.ndarray  # in qvel, of the degrees of freedom that the motors drive
@@ -130,17 +131,17 @@ def replay(
     per_tick = round(period / real("timestep", timestep, 1e-6, period, "give MuJoCo's step [s]"))
     if abs(per_tick * timestep - period) > 1e-9 * period:
         raise ValueError(f"timestep {timestep:g} s does not divide the controllers' period of {period:g} s")
-    machine, chain = _machine(scene, floor, timestep), _chain(scene, timestep)
-    _place(machine, chain, q)
+    machine = _machine(scene, floor, timestep)
+    _place(machine, q)
     ticks = math.ceil(duration / period - 1e-9)
     drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + EVENT_MARGIN)
     acts = None if controller is None else _Acting(controller, scene, machine)
-    rows, status = [_row(scene, machine, chain)], "ok"
+    rows, status = [_row(scene, machine)], "ok"
     for k in range(ticks):
         if acts is not None:
             drive[k], rate[k] = acts(k, np.stack([drive[k], rate[k]], axis=1)).T
-        _tick(machine, chain, drive[k], rate[k], period, per_tick)
-        rows.append(_row(scene, machine, chain))
+        _tick(machine, drive[k], rate[k], period, per_tick)
+        rows.append(_row(scene, machine))
         if not np.isfinite(machine.d.qpos).all() or machine.d.warning.number.any():
             status = "diverged"
         elif floor is not None and _fell(scene, machine):
@@ -228,11 +229,11 @@ def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep:
     ImportError, ValueError
         As `replay`; ValueError for a robot that does not stand.
     """
-    machine, chain = _machine(scene, floor, timestep), _chain(scene, timestep)
-    _place(machine, chain, standing(scene, angles, 0.0))
+    machine = _machine(scene, floor, timestep)
+    _place(machine, standing(scene, angles, 0.0))
     period, still = scene.tick_steps * scene.timestep, np.zeros_like(angles)
     for _ in range(round(SETTLING / period)):
-        _tick(machine, chain, angles, still, period, round(period / timestep))
+        _tick(machine, angles, still, period, round(period / timestep))
     depth = float(np.maximum(-machine.d.contact.dist, 0.0).sum()) / len(scene.model.contacts)
     if _fell(scene, machine) or depth <= 0.0:
         raise ValueError(f"{scene.model.name} does not stand in the first posture; its sinking cannot be measured")
@@ -254,11 +255,10 @@ def evaluated(reference: Reference, times: np.ndarray) -> tuple[np.ndarray, np.n
 # ---------------------------------------------------------------------------------------------- stepping
 
 
-def _tick(
-    machine: _Machine, chain: ServoChain, reference: np.ndarray, rate: np.ndarray, period: float, count: int
-) -> None:
+def _tick(machine: _Machine, reference: np.ndarray, rate: np.ndarray, period: float, count: int) -> None:
     """Make a tick of the controllers and `count` steps of MuJoCo; voltages act when their delay is over."""
-    d, h, waits = machine.d, period / count, round(chain.delay * count / period)
+    d, chain, h = machine.d, machine.chain, period / count
+    waits = round(chain.delay * count / period)
     if abs(waits * h - chain.delay) > 1e-9 * chain.delay:
         raise ValueError(f"timestep {h:g} s does not divide the controllers' delay of {chain.delay:g} s")
     slots, shift = -(-waits // count), waits % count
@@ -268,15 +268,15 @@ def _tick(
         chain.arrive(d.qvel[machine.motor])
     chain.tick(reference, rate, d.qpos[machine.q], d.qvel[machine.motor], period)
     if shift:
-        _steps(machine, chain, shift)
+        _steps(machine, shift)
         chain.arrive(d.qvel[machine.motor])
-    _steps(machine, chain, count - shift)
+    _steps(machine, count - shift)
 
 
-def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
+def _steps(machine: _Machine, count: int) -> None:
     """Make steps of MuJoCo with the motors' torques; its warnings (a state that it resets) are in `d.warning`."""
-    mujoco, d, joints, motors = _mujoco(), machine.d, machine.v, machine.motor
-    speeds, applied = d.qvel, d.qfrc_applied
+    mujoco, d, chain, joints, motors = _mujoco(), machine.d, machine.chain, machine.v, machine.motor
+    speeds, applied, loose = d.qvel, d.qfrc_applied, chain.gears.loose
     with heard(mujoco, []):
         for _ in range(count):
             applied[motors] = 0.0
@@ -284,28 +284,26 @@ def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
             torque = chain.step(speeds[motors])
             applied[motors] += torque
             if machine.rotor is not None:
-                torque = _through_gears(machine, chain)
+                torque = _through_gears(machine)
+                if loose.any():  # gears with backlash have no tendon
+                    pushed = np.where(loose, torque, 0.0)
+                    applied[joints] += pushed
+                    applied[motors] -= pushed
             if machine.loaded:
-                machine.m.dof_frictionloss[joints] = _budget(machine, chain, torque)
+                machine.m.dof_frictionloss[joints] = _budget(machine, torque)
             mujoco.mj_step(machine.m, d)
             chain.filter(speeds[joints])
 
 
-def _through_gears(machine: _Machine, chain: ServoChain) -> np.ndarray:
-    """Return the gearboxes' torques on the joints [N m]; apply those of gears with backlash, which have no tendon."""
-    d, joints, rotors = machine.d, machine.v, machine.motor
-    assert machine.rotor is not None
-    e, de = d.qpos[machine.rotor] - d.qpos[machine.q], d.qvel[rotors] - d.qvel[joints]
-    stiffness, damping = machine.gears.T
-    if not chain.gears.loose.any():
-        return stiffness * e + damping * de
-    pushed = chain.gears.torque(e, de)
-    d.qfrc_applied[joints] += pushed
-    d.qfrc_applied[rotors] -= pushed
-    return np.where(chain.gears.loose, pushed, stiffness * e + damping * de)
+def _through_gears(machine: _Machine) -> np.ndarray:
+    """Return the gearboxes' torques on the joints [N m]."""
+    d, teeth, (stiffness, damping) = machine.d, machine.chain.gears, machine.gears.T
+    e, de = d.qpos[machine.rotor] - d.qpos[machine.q], d.qvel[machine.motor] - d.qvel[machine.v]
+    sprung = stiffness * e + damping * de
+    return np.where(teeth.loose, teeth.torque(e, de), sprung) if teeth.loose.any() else sprung
 
 
-def _budget(machine: _Machine, chain: ServoChain, t_m: np.ndarray) -> np.ndarray:
+def _budget(machine: _Machine, t_m: np.ndarray) -> np.ndarray:
     """Return the largest dry friction in the next step [N m], from the mechanism's load on the joints in the last.
 
     The load is t_e of A dv/dt = t_m + t_f + t_e, t_f all friction: the viscous one, and what MuJoCo's constraint gave.
@@ -316,31 +314,27 @@ def _budget(machine: _Machine, chain: ServoChain, t_m: np.ndarray) -> np.ndarray
     dry[d.efc_id[: d.nefc][rubs]] = d.efc_force[: d.nefc][rubs]
     speed = d.qvel[joints]
     t_e = machine.armature * d.qacc[joints] + machine.viscous * speed - t_m - dry[joints]
-    return np.maximum(machine.coulomb + chain.gears.budget(speed, t_m, t_e), LEAST)
+    return np.maximum(machine.coulomb + machine.chain.gears.budget(speed, t_m, t_e), LEAST)
 
 
-def _place(machine: _Machine, chain: ServoChain, q: np.ndarray) -> None:
+def _place(machine: _Machine, q: np.ndarray) -> None:
     m, d, base = machine.m, machine.d, len(q) - len(machine.q)
     _mujoco().mj_resetData(m, d)
     d.qpos[:base] = q[:base]
     d.qpos[machine.q] = q[base:]
     if machine.rotor is not None:
         d.qpos[machine.rotor] = q[base:]
-    chain.goal = q[base:].copy()
+    machine.chain.goal = q[base:].copy()
     _mujoco().mj_forward(m, d)
 
 
-def _row(scene: CompiledScene, machine: _Machine, chain: ServoChain) -> dict[str, np.ndarray]:
+def _row(scene: CompiledScene, machine: _Machine) -> dict[str, np.ndarray]:
     """Return the channels of a sample; a base's velocities have the same convention in MuJoCo and here."""
-    d = machine.d
+    d, chain = machine.d, machine.chain
     q, v = d.qpos[machine.q], d.qvel[machine.v]
     energy = np.full((len(q), ENERGIES), np.nan)
     energy[:, METER] = chain.meter
-    torque = chain.K * chain.current
-    if machine.rotor is not None:
-        stiffness, damping = machine.gears.T
-        e, de = d.qpos[machine.rotor] - q, d.qvel[machine.motor] - v
-        torque = np.where(chain.gears.loose, chain.gears.torque(e, de), stiffness * e + damping * de)
+    torque = chain.K * chain.current if machine.rotor is None else _through_gears(machine)
     base = {"base_q": d.qpos[:7].copy(), "base_qd": d.qvel[:6].copy()} if scene.model.base == "floating" else {}
     return base | {"q": q, "qd": v, "torque": torque, "current": chain.current.copy(), "energy": energy}
 
@@ -415,12 +409,8 @@ def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
     if loaded:  # budgets come each step
         m.dof_frictionloss[v] = np.maximum(coulomb, LEAST)
     m.dof_solref[v], m.dof_solimp[v, :2] = (2.0 * h, 1.0), 0.9999  # joints that stick hardly creep
-    return _Machine(m, mujoco.MjData(m), q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded)
-
-
-def _chain(scene: CompiledScene, h: float) -> ServoChain:
-    servos = _servos(scene)
-    return ServoChain([servos.get(name) for name in scene.model.joint_names], h, scene.model.supply)
+    chain = ServoChain([servos.get(name) for name in model.joint_names], h, model.supply)
+    return _Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded)
 
 
 def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
@@ -468,8 +458,10 @@ def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:
     touching = {"contype": 1, "conaffinity": 0, "mass": 0.0}
     if floor.soles == "spheres":
         for point in model.contacts:
-            radius = [point.radius or RADIUS, 0.0, 0.0]
-            _body(spec, point).add_geom(type=types.mjGEOM_SPHERE, size=radius, pos=_center(point), **touching)
+            if point.circle_radius:
+                raise ValueError(f"contact point on link {point.link!r}: MuJoCo has no circles; give points")
+            shape = {"type": types.mjGEOM_SPHERE, "size": [point.radius or RADIUS, 0.0, 0.0], "pos": point.position}
+            _body(spec, point).add_geom(**shape, **touching)
         return
     links = {link.name: link for link in model.links}
     for name, points in _of_links(model).items():
@@ -484,16 +476,8 @@ def soles_of(model: Model) -> tuple[Soles, ...]:
 
 def _of_links(model: Model) -> dict[str, list[ContactPoint]]:
     """Return the contact points by link."""
-    found: dict[str, list[ContactPoint]] = {}
-    for point in model.contacts:
-        found.setdefault(point.link, []).append(point)
-    return found
-
-
-def _center(point: ContactPoint) -> np.ndarray:
-    if point.circle_radius:
-        raise ValueError(f"contact point on link {point.link!r}: the replay in MuJoCo has no circles; give points")
-    return np.array(point.position)
+    links = dict.fromkeys(point.link for point in model.contacts)
+    return {link: [point for point in model.contacts if point.link == link] for link in links}
 
 
 def _body(spec: Any, point: ContactPoint) -> Any:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
-from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -24,24 +23,11 @@ from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion
 from ..walking.walker import driven, load_walker
 from .floors import FLOORS, STRIDES, WARM_UP, walk_on
-from .in_mujoco import SOLES, TIMESTEP, Floor, mujoco_version, soles_of
+from .in_mujoco import SOLES, TIMESTEP, Floor, Soles, mujoco_version, soles_of
 
 REPORT, TABLE = Format("crosscheck", 1), Format("crosscheck table", 1)
 MEASURES = {"walks": "walks", "end": "end_s", "cost": "cost_J_per_m", "speed": "speed_m_per_s",
             "sideways": "sideways_m", "status": "status"}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Task:
-    """The work on one floor, for another process."""
-
-    floor: str
-    soles: str
-    motion: Motion | BalancedWalk
-    model: Model
-    servos: GearboxKind
-    strides: int
-    timestep: float
 
 
 @deprecated.keywords(servos="gearbox")
@@ -113,15 +99,17 @@ def crosscheck(
         one_of("soles", kind, SOLES)
     strides = whole("strides", strides, 1, "give the strides to measure", 10**6)
     processes = whole("processes", processes, 1, "give the number of processes", 1024)
+    parts = (model.links, model.joints, model.base, dict(model.held), dict(model.servos), model.contacts, model.supply)
+    digest = hashlib.sha256(repr(parts).encode()).hexdigest()
     settings = {
-        "motion": motion.digest(), "robot": _fingerprint(model), "servos": gearbox,
+        "motion": motion.digest(), "robot": f"{model.name} {digest[:16]}", "servos": gearbox,
         "servo": None if servo is None else str(servo), "strides": strides, "warm_up": WARM_UP, "timestep": timestep,
         "version": __version__, "mujoco": mujoco_version(),
     }  # fmt: skip
     asked = [(name, kind) for name in FLOORS if name in names for kind in SOLES if kind in kinds]
     rows = _kept(out, settings)
     walked = model if servo is None else driven(model, servo)
-    tasks = [_Task(*key, motion, walked, gearbox, strides, timestep) for key in asked if key not in rows]
+    tasks = [(*key, motion, walked, gearbox, strides, timestep) for key in asked if key not in rows]
     with tqdm(total=len(asked), initial=len(asked) - len(tasks), disable=not progress, unit="floor") as bar:
         for row in _evaluated(tasks, processes):
             rows[row["floor"], row["soles"]] = row
@@ -130,34 +118,34 @@ def crosscheck(
     return {"settings": settings, "floors": [rows[key] for key in asked]}
 
 
-def _evaluated(tasks: list[_Task], processes: int) -> Iterator[dict]:
+def _evaluated(tasks: list[tuple], processes: int) -> Iterator[dict]:
     """Yield rows in order of completion; no task waits in a process, so that an interrupt only ends running ones."""
     if processes == 1 or len(tasks) < 2:
-        yield from map(_row, tasks)
+        yield from itertools.starmap(_row, tasks)
         return
     waiting = iter(tasks)
     with process_pool(min(processes, len(tasks))) as pool:
         try:
-            running = {pool.submit(_row, task) for task in islice(waiting, processes)}
+            running = {pool.submit(_row, *task) for task in itertools.islice(waiting, processes)}
             while running:
                 done, running = wait(running, return_when=FIRST_COMPLETED)
-                running |= {pool.submit(_row, task) for task in islice(waiting, len(done))}
+                running |= {pool.submit(_row, *task) for task in itertools.islice(waiting, len(done))}
                 yield from (future.result() for future in done)
         except BrokenExecutor as error:
             raise OSError("a process of the crosscheck ended unexpectedly; start it again to continue") from error
 
 
-def _row(task: _Task) -> dict:
-    scene = compile_scene(task.model, task.servos, Ground(), "midpoint", 1e-3)
-    time_constant, friction = FLOORS[task.floor]
-    floor = Floor(time_constant, friction, "boxes" if task.soles == "boxes" else "spheres")
-    return {"floor": task.floor} | walk_on(scene, task.motion, floor, task.strides, task.timestep).as_dict()
-
-
-def _fingerprint(model: Model) -> str:
-    """Return name and digest of a robot, which identify it in a file."""
-    parts = (model.links, model.joints, model.base, dict(model.held), dict(model.servos), model.contacts, model.supply)
-    return f"{model.name} {hashlib.sha256(repr(parts).encode()).hexdigest()[:16]}"
+def _row(
+    name: str,
+    soles: Soles,
+    motion: Motion | BalancedWalk,
+    model: Model,
+    gearbox: GearboxKind,
+    strides: int,
+    timestep: float,
+) -> dict:
+    scene = compile_scene(model, gearbox, Ground(), "midpoint", 1e-3)
+    return {"floor": name} | walk_on(scene, motion, Floor(*FLOORS[name], soles), strides, timestep).as_dict()
 
 
 def summary(report: dict[str, Any]) -> str:
@@ -242,9 +230,9 @@ def _write(out: FilePath | None, settings: dict[str, Any], rows: dict[tuple[str,
         temporary.write_text(text, encoding="utf-8")
     columns = ["floor", "soles", "time_constant_s", "friction", "sinking_m"]
     columns += [f"{engine}_{name}" for engine in ("mujoco", "own") for name in MEASURES.values()]
-    write_csv(table, TABLE, columns, map(_cells_of_table, ordered))
-
-
-def _cells_of_table(row: dict[str, Any]) -> list[Any]:
-    measures = [row[engine][key] for engine in ("mujoco", "own") for key in MEASURES]
-    return [row["floor"], row["soles"], row["time_constant"], row["friction"], row["sinking"], *measures]
+    cells = [
+        [*(row[key] for key in ("floor", "soles", "time_constant", "friction", "sinking")),
+         *(row[engine][key] for engine in ("mujoco", "own") for key in MEASURES)]
+        for row in ordered
+    ]  # fmt: skip
+    write_csv(table, TABLE, columns, cells)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 
 import numpy as np
 from scipy.optimize import brentq
@@ -41,29 +42,24 @@ class ServoChain:
 
         n, self.h = len(servos), h
         self.law = np.array(["state" if servo is None else servo.controller.law for servo in servos])
-        self.Kp = column(lambda servo: servo.controller.Kp)
-        self.Ki = column(lambda servo: servo.controller.Ki)
-        self.Kd = column(lambda servo: servo.controller.Kd)
-        self.Kf = column(lambda servo: servo.controller.Kf)
+        self.Kp, self.Ki, self.Kd, self.Kf = (column(attrgetter(f"controller.{k}")) for k in ("Kp", "Ki", "Kd", "Kf"))
         self.K = column(lambda servo: servo.gearbox.ratio * servo.motor_constant)  # [N m/A]
-        self.R = column(lambda servo: servo.resistance, 1.0)
-        self.most_volts = column(lambda servo: servo.voltage_limit)
-        self.most_amperes = column(lambda servo: servo.current_limit)
-        self.most_change = h * column(lambda servo: servo.current_slew)  # of the current in a step [A]
-        self.resolution = column(lambda servo: servo.encoder_resolution)
+        self.R = column(attrgetter("resistance"), 1.0)
+        self.most_volts, self.most_amperes = column(attrgetter("voltage_limit")), column(attrgetter("current_limit"))
+        self.most_change = h * column(attrgetter("current_slew"))  # of the current in a step [A]
+        self.resolution = column(attrgetter("encoder_resolution"))
         self.exact = self.resolution <= 0.0
-        z = h * self.R / np.maximum(column(lambda servo: servo.inductance), 1e-30)
+        z = h * self.R / np.maximum(column(attrgetter("inductance")), 1e-30)
         self.left = np.exp(-z)  # of a current after a step
         self.mean = -np.expm1(-z) / z
-        self.filtering = np.exp(-h / np.maximum(column(lambda servo: servo.speed_filter), 1e-30))
+        self.filtering = np.exp(-h / np.maximum(column(attrgetter("speed_filter")), 1e-30))
         gentle = [servo is not None and is_gentle(servo, h) for servo in servos]
-        self.dry = np.where(gentle, column(lambda servo: servo.coulomb_friction), 0.0)
-        self.stick_speed = np.where(gentle, column(lambda servo: servo.stick_speed), 1.0)
-        self.margin = column(lambda servo: servo.controller.compliance_margin)
-        self.punch = column(lambda servo: servo.controller.punch)
-        self.counts = column(lambda servo: servo.controller.pwm_steps)
-        self.profile = column(lambda servo: servo.controller.profile_speed, math.inf)
-        duty = column(lambda servo: servo.controller.duty_limit, 1.0)
+        self.dry = np.where(gentle, column(attrgetter("coulomb_friction")), 0.0)
+        self.stick_speed = np.where(gentle, column(attrgetter("stick_speed")), 1.0)
+        self.margin = column(attrgetter("controller.compliance_margin"))
+        self.punch, self.counts = column(attrgetter("controller.punch")), column(attrgetter("controller.pwm_steps"))
+        self.profile = column(attrgetter("controller.profile_speed"), math.inf)
+        duty = column(attrgetter("controller.duty_limit"), 1.0)
         whole = np.floor(duty * self.counts + 1e-9) / np.maximum(self.counts, 1.0)
         self.most_duty = np.where(self.counts > 0.0, whole, duty)
         self.delay = max((servo.controller.delay for servo in servos if servo is not None), default=0.0)

@@ -269,11 +269,11 @@ def measured(
 ) -> Measures:
     """Measure a trajectory between two times, to within one sample; slip is nan if it is not asked for."""
     weight = scene.model.mass * math.hypot(*scene.gravity)
+    if not run.ok:
+        return Measures(run.message, strides, *(math.nan,) * 5, weight)
     window = window_of(run, start, end)
     first, last = window.start, window.stop - 1
     duration = float(run["time"][last] - run["time"][first])
-    if not run.ok:
-        return Measures(run.message, strides, duration, math.nan, math.nan, math.nan, math.nan, weight)
     ahead, sideways = (run["base_q"][last] - run["base_q"][first])[:2].tolist()
     energy = float(np.sum(run["energy"][last, :, METER] - run["energy"][first, :, METER]))
     slid = _slip(scene.model, run, window, LOADED * weight) / strides if slip else math.nan
