@@ -37,15 +37,9 @@ class AskTell:
     """Ask and tell, one candidate at a time, of a search that has `ask_batch` and `tell_batch`."""
 
     best_f: float
+    ask_batch: Callable[[int], list[np.ndarray]]
+    tell_batch: Callable[[Sequence[float]], int]
     _asked: list[np.ndarray]
-
-    def ask_batch(self, k: int) -> list[np.ndarray]:
-        """Return up to `k` next candidates."""
-        raise NotImplementedError
-
-    def tell_batch(self, fs: Sequence[float]) -> int:
-        """Take their costs; return of how many."""
-        raise NotImplementedError
 
     def ask(self) -> np.ndarray:
         """Return the next candidate (D,).  Raises RuntimeError when the search is over."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 
 import numpy as np
@@ -94,37 +95,21 @@ def minimize(
     log = None if history is None else AnnealingHistory(Path(history), search, resume)
     steps = _in_batches(search, fun, map, batch) if evaluate is None else _speculating(search, evaluate)
     bar = tqdm(total=max_iterations + 1, initial=search.iteration, disable=not progress, unit="candidate")
-    status = None
-    try:
-        status = _visit_all(search, steps, log, callback, bar)
-    except KeyboardInterrupt:
-        status = 2
-    finally:
-        steps.close()
-        bar.close()
-        if log is not None:
-            log.close()
-    return _result(search, search.status if status is None else status)
-
-
-def _visit_all(
-    search: AdaptiveSimulatedAnnealing,
-    steps: Generator[list[str]],
-    log: AnnealingHistory | None,
-    callback: Callable[[OptimizeResult], bool | None] | None,
-    bar: tqdm,
-) -> int | None:
-    """Take the steps to the end of the search; return the status 3 if the callback stops it."""
-    for statuses in steps:
-        visits = search.visited[-len(statuses) :]
-        if log is not None:
-            log.write(visits, statuses)
-        bar.update(search.iteration - bar.n)
-        if any(visit.accepted for visit in visits):
-            bar.set_postfix(best=search.best_f)
-            if callback is not None and callback(_result(search, None)):
-                return 3
-    return None
+    status: int | None = 2
+    with nullcontext() if log is None else closing(log), bar, closing(steps), suppress(KeyboardInterrupt):
+        for statuses in steps:
+            visits = search.visited[-len(statuses) :]
+            if log is not None:
+                log.write(visits, statuses)
+            bar.update(search.iteration - bar.n)
+            if any(visit.accepted for visit in visits):
+                bar.set_postfix(best=search.best_f)
+                if callback is not None and callback(_result(search, None)):
+                    status = 3
+                    break
+        else:
+            status = search.status
+    return _result(search, status)
 
 
 def _in_batches(search: AdaptiveSimulatedAnnealing, fun: Cost | None, map: Map, batch: int) -> Generator[list[str]]:
@@ -158,11 +143,10 @@ def _speculating(search: AdaptiveSimulatedAnnealing, evaluate: Callable[[Specula
 def _result(search: AdaptiveSimulatedAnnealing, status: int | None) -> OptimizeResult:
     visited = search.visited
     arrays = {
-        "x": np.array([visit.x for visit in visited]).reshape(-1, len(search.x0)),
-        "f": np.array([visit.f for visit in visited]),
-        "miss": np.array([visit.miss for visit in visited]),
-        "accepted": np.array([visit.accepted for visit in visited], dtype=bool),
+        name: np.array([getattr(visit, name) for visit in visited], dtype=bool if name == "accepted" else float)
+        for name in ("x", "f", "miss", "accepted")
     }
+    arrays["x"] = arrays["x"].reshape(-1, len(search.x0))
     found = bool(np.isfinite(search.best_f))
     message = ("running" if status is None else MESSAGES[status]) if found else "no candidate had a finite cost"
     return OptimizeResult(

@@ -19,6 +19,7 @@ with probability Phi(-d sqrt(repeats / 2) / s), s being the noise's standard dev
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -92,17 +93,13 @@ def minimize_noisy(
     if np.isfinite(search.best_f):
         raise ValueError("the search has begun with other costs; give a new one")
     noisy = _NoisySearch(fun, search, repeats, seed, map)
-    bar = tqdm(disable=not progress, unit="candidate")
-    try:
+    status = 2
+    with tqdm(disable=not progress, unit="candidate") as bar, suppress(KeyboardInterrupt):
         while search.status is None:
             noisy.advance(batch)
             bar.update(noisy.iteration - bar.n)
             bar.set_postfix(believed=noisy.beliefs[-1].f, evaluations=noisy.nfev)
         status = search.status
-    except KeyboardInterrupt:
-        status = 2
-    finally:
-        bar.close()
     return noisy.result(status)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 
 import numpy as np
 from scipy.optimize import OptimizeResult
@@ -48,13 +49,7 @@ def run(
 
 
 def run_together(
-    searches: Iterable[Search],
-    fun: Cost,
-    *,
-    evaluations: int,
-    map: Map = map,
-    batch: int = 1,
-    progress: bool = False,
+    searches: Iterable[Search], fun: Cost, *, evaluations: int, map: Map = map, batch: int = 1, progress: bool = False
 ) -> OptimizeResult:
     """Run several searches side by side, such as restarts with several seeds; each visits what it visits alone.
 
@@ -87,15 +82,11 @@ def run_together(
     progress, evaluations, batch = truth("progress", progress), int(evaluations), int(batch)
     runs = [_Run(search, evaluations) for search in searches]
     bar = tqdm(total=len(runs) * evaluations, disable=not progress, unit="candidate")
-    try:
+    with bar, suppress(KeyboardInterrupt):
         while active := [one for one in runs if one.status is None]:
             _advance(active, fun, map, batch)
             bar.update(sum(len(one.f) for one in runs) - bar.n)
             bar.set_postfix(best=min(one.search.best_f for one in runs))
-    except KeyboardInterrupt:
-        pass
-    finally:
-        bar.close()
     return _together([one.result() for one in runs])
 
 

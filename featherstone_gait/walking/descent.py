@@ -26,6 +26,7 @@ import functools
 import math
 import os
 from collections.abc import Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -233,19 +234,15 @@ def descend(
     descent = _Descent(cost, watch)
     starts = [cost.gait.to_vector()] if starts is None else list(starts)
     log = _History(history, {"search": HISTORY, "version": 1, "seed": seed, "x0": starts[0].tolist()}, resume)
-    interrupted = False
+    interrupted = True
     bar = tqdm(total=steps, disable=not progress, unit="step", desc="within limits")
-    try:
+    with closing(log), bar, suppress(KeyboardInterrupt):
         point, radius = _begin(descent, starts, log)
         for k in range(len(log.lines) - 1, steps if math.isfinite(point.cost) else 0):
             point, radius = _advance(descent, point, radius, (seed, k), log)
             bar.update(len(log.lines) - 1 - bar.n)
             bar.set_postfix({"cost": point.cost, "limit violation": point.violation})
-    except KeyboardInterrupt:
-        interrupted = True
-    finally:
-        bar.close()
-        log.close()
+        interrupted = False
     return log.result(starts[0], descent.walks, interrupted)
 
 
