@@ -219,12 +219,7 @@ class _WorldByWorld:
 
 
 def in_worlds(
-    cost: WalkingCost,
-    count: int,
-    seed: int = 0,
-    *,
-    penalty: float = PENALTY,
-    timestep: float | None = None,
+    cost: WalkingCost, count: int, seed: int = 0, *, penalty: float = PENALTY, timestep: float | None = None
 ) -> CostInWorlds:
     """Return the cost in worlds drawn so that each number is spread evenly over its range (a Latin hypercube).
 
