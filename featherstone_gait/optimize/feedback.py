@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Any
 
 from scipy.optimize import OptimizeResult
@@ -86,11 +85,6 @@ def search_feedback(
     result.walk = walk
     result.x_poses = result.x[: len(cost.gait.to_vector())] if poses else cost.gait.to_vector()
     return result
-
-
-def feedback_history(history: Path) -> Path:
-    """Return the file of this search, beside that of the gait's search."""
-    return history.with_name(history.name.replace("_history", "_feedback_history"))
 
 
 def report_feedback(cost: WalkingCost, walk: BalancedWalk, worlds: int) -> dict[str, Any]:

@@ -49,7 +49,11 @@ def measure(job: Job, start: Start, result: OptimizeResult, found: Selected) -> 
     if options.test_worlds:
         walks = [gaits["before"], found.walk or found.x]
         worlds = measure_in_test_worlds(cost, walks, options.test_worlds, options.progress)
-    checked = _walk_in_mujoco(job, cost, found) if options.crosscheck else None
+    checked, path = (
+        _walk_in_mujoco(job, cost, found) if options.crosscheck else None,
+        crosscheck_files(job.crosscheck)[0],
+    )
+    floors = parse_json(path.read_bytes(), str(path), "delete it")["floors"] if checked and path.exists() else []
     cheapest = start.plan != "cheapest" and options.baselines and options.worlds > 0
     count = min(options.test_worlds, BASELINE_WORLDS)
     baselines = _baselines(cost, start.plan, count, options.progress, cheapest)
@@ -61,7 +65,10 @@ def measure(job: Job, start: Start, result: OptimizeResult, found: Selected) -> 
         **({} if options.servo is None else {"with_own_servos": measure_with_own_servos(job.own, cost)}),
         "feedback": found.walk and report_feedback(cost, found.walk, options.worlds),
         "crosscheck": checked,
-        "crosscheck_floors": floors_of_crosscheck(job.stem) if checked else [],
+        "crosscheck_floors": [  # [J/m]; None where the gait falls
+            {"floor": row["floor"], "soles": row["soles"], "mujoco": row["mujoco"]["cost"], "own": row["own"]["cost"]}
+            for row in floors
+        ],
         "plausible": limits | {"servo": _servo_limits(job.model), "not_watched": start.watch.close()},
         "standby": standby_costs(job, quality),
         "baselines": baselines,
@@ -113,21 +120,6 @@ def standby_costs(job: Job, quality: Mapping[str, Quality]) -> dict[str, Any]:
     return {"watts": watts, "assumed": electronics is None} | sides
 
 
-def crosscheck_stem(stem: Path) -> Path:
-    """Return the path of the crosscheck's files without their endings."""
-    return stem.with_name(stem.name + "_crosscheck")
-
-
-def floors_of_crosscheck(stem: Path) -> list[dict[str, Any]]:
-    """Read the energy per distance [J/m] on each floor, in MuJoCo and here; None where the gait falls."""
-    path = crosscheck_files(crosscheck_stem(stem))[0]
-    rows = parse_json(path.read_bytes(), str(path), "delete it")["floors"] if path.exists() else []
-    return [
-        {"floor": row["floor"], "soles": row["soles"]} | {side: row[side]["cost"] for side in ("mujoco", "own")}
-        for row in rows
-    ]
-
-
 def _walk_in_mujoco(job: Job, cost: WalkingCost, found: Selected) -> str:
     """Crosscheck a gait in MuJoCo; return the verdict, or why there is none: a failure must not lose the search."""
     options, gearbox = job.options, cost.scene.gearbox
@@ -136,7 +128,7 @@ def _walk_in_mujoco(job: Job, cost: WalkingCost, found: Selected) -> str:
     try:
         return verdict(
             crosscheck(
-                motion, job.own, gearbox=gearbox, servo=options.servo, out=crosscheck_stem(job.stem),
+                motion, job.own, gearbox=gearbox, servo=options.servo, out=job.crosscheck,
                 processes=options.crosscheck, progress=options.progress,
             )
         )  # fmt: skip

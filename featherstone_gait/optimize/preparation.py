@@ -39,6 +39,11 @@ class Job:
         """The file of the search's history."""
         return self.stem.with_name(self.stem.name + "_history.jsonl")
 
+    @property
+    def crosscheck(self) -> Path:
+        """The crosscheck's files, without their endings."""
+        return self.stem.with_name(self.stem.name + "_crosscheck")
+
     def print(self, text: str) -> None:
         """Print a message, if progress is shown."""
         if self.options.progress:
@@ -104,6 +109,11 @@ def claimed(history: Path) -> Iterator[None]:
     with history.open("r+b") as file:
         claim(file, history)
         yield
+
+
+def beside(history: Path, search: str) -> Path:
+    """Return the file of another search's history ("limits", "feedback") beside that of the gait's search."""
+    return history.with_name(history.name.replace("_history", f"_{search}_history"))
 
 
 def folded(text: str) -> str:

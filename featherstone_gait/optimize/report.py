@@ -23,12 +23,12 @@ from ..walking.cost import WalkingCost
 from ..walking.feedback import add_feedback
 from ..walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from ..walking.limits import LIMITS
-from .measure import crosscheck_stem, servo_in_file, servo_name
+from .measure import servo_in_file, servo_name
 from .planning import Start
 from .plots import plot_angles, plot_convergence
-from .preparation import Job, claimed
+from .preparation import Job, beside, claimed
 from .quality import describe
-from .search import AMPLITUDE, MAX_MISS, limits_history
+from .search import AMPLITUDE, MAX_MISS
 from .selection import Selected
 
 REPORT = Format("gait report")
@@ -50,7 +50,7 @@ def write_report(
     search took [s].
     """
     stem, cost = job.stem, start.cost
-    checked = zip(("crosscheck", "crosscheck_table"), crosscheck_files(crosscheck_stem(stem)))
+    checked = zip(("crosscheck", "crosscheck_table"), crosscheck_files(job.crosscheck))
     with claimed(job.history), _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result, servo_in_file(job.options.servo))
         if found.walk is not None:
@@ -73,7 +73,7 @@ def write_report(
             "seconds": {"search": searching, "all": time.perf_counter() - began},
             "files": {kind: str(stem.parent / path.name) for kind, path in files.items()}
             | {"history": str(job.history)}
-            | ({"limits_history": str(limits_history(job.history))} if "limited" in result else {})
+            | ({"limits_history": str(beside(job.history, 'limits'))} if "limited" in result else {})
             | {kind: str(path) for kind, path in checked if measured["crosscheck"] and path.exists()},
         }  # fmt: skip
         text = json.dumps(report, indent=2)

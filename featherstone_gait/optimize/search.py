@@ -25,7 +25,7 @@ from ..walking.descent import WORK, descend
 from ..walking.gait import bounds
 from ..walking.limits import Watch
 from .planning import Start
-from .preparation import Job
+from .preparation import Job, beside
 
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
@@ -139,13 +139,8 @@ def optimize_with_limits(
         return first
     order = np.argsort(first.history["f"], kind="stable")[:STARTS]
     starts = [first.history["x"][k] for k in order if np.isfinite(first.history["f"][k])]
-    result = descend(cost, watch, starts, steps=steps, history=limits_history(history), **how)
+    result = descend(cost, watch, starts, steps=steps, history=beside(history, "limits"), **how)
     both = {key: np.concatenate([first.history[key], result.history[key]]) for key in ("x", "f")}
     counts = {"nit": first.nit + WORK * result.nit, "nfev": first.nfev + -(-result.nfev // len(cost.scenes))}
     kept = {key: first[key] for key in ("wasted", "occupancy")} | {"since": first.nit + 1}
     return OptimizeResult({**result, **counts, **kept, "history": both, "limited": result})
-
-
-def limits_history(history: Path) -> Path:
-    """Return the file of the second half of a search, beside that of the first."""
-    return history.with_name(history.name.replace("_history", "_limits_history"))

@@ -19,9 +19,9 @@ from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import in_worlds
 from ..walking.feedback import BalancedWalk
 from ..walking.limits import Watch
-from .feedback import feedback_history, search_feedback
+from .feedback import search_feedback
 from .planning import Start
-from .preparation import Job
+from .preparation import Job, beside
 from .quality import FINER, TEST_STRIDES, measure_limits
 
 BEST, WORLDS, SEED = 6, 16, 5 * 10**5  # gaits measured again, in how many worlds, drawn with which seed
@@ -47,7 +47,7 @@ def select(job: Job, start: Start, result: OptimizeResult) -> Selected:
         return Selected(x, None, candidates)
     worlds = in_worlds(replace(cost, gait=cost.gait.from_vector(x)), options.worlds)
     found = search_feedback(
-        worlds, iterations=options.iterations // 2, seed=options.seed, history=feedback_history(job.history),
+        worlds, iterations=options.iterations // 2, seed=options.seed, history=beside(job.history, "feedback"),
         resume=options.resume, progress=options.progress,
     )  # fmt: skip
     return Selected(found.x_poses, found.walk, candidates)

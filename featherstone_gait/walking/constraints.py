@@ -26,7 +26,7 @@ from ..geometry.distance import clearance
 from ..model import Model
 from ..run.trajectory import Trajectory
 from ..scene.tree import GRAVITY
-from .cost import LOADED, RECORD, Measures, WalkingCost, window_of
+from .cost import LOADED, RECORD, BatchCost, Measures, WalkingCost, window_of
 from .kinematics import joint_limits
 
 Channels = Mapping[str, np.ndarray]  # a `Trajectory`, or as much of one as is needed
@@ -137,7 +137,7 @@ class ConstraintReport:
 
 
 @dataclass(frozen=True, eq=False)
-class ConstrainedCost:
+class ConstrainedCost(BatchCost):
     """The cost of walking plus the penalties of constraints, for the same searches as `WalkingCost`.
 
     Attributes
@@ -154,10 +154,6 @@ class ConstrainedCost:
     def __post_init__(self) -> None:
         instance("walking", self.walking, WalkingCost, "give WalkingCost(scene, gait, start)")
         instance("constraints", self.constraints, Constraints, "give Constraints(...)")
-
-    def __call__(self, x: ArrayLike) -> tuple[float, str]:
-        """Return cost and penalties [J/m] and status of one vector."""
-        return self.costs([x])[0]
 
     def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
         """Evaluate many vectors at once; for the searches ``map=ConstrainedCost.costs``."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -105,8 +105,18 @@ class Measures:
         return dict.fromkeys(named) | finite
 
 
+class BatchCost:
+    """A cost of vectors that is evaluated for many at once: a subclass has ``costs(vectors)``."""
+
+    costs: Callable[[Any], list[tuple[float, str]]]
+
+    def __call__(self, x: Any) -> tuple[float, str]:
+        """Return cost [J/m] and status of one vector."""
+        return self.costs([x])[0]
+
+
 @dataclass(frozen=True, eq=False)
-class WalkingCost:
+class WalkingCost(BatchCost):
     """The cost of gait vectors (D,) [rad], for `search.minimize`.
 
     A vector's cost has the same bits whether it is evaluated alone or among others.
@@ -138,10 +148,6 @@ class WalkingCost:
         check_names("start", self.gait, self.start)
         for name, least in (("warm_up", 0), ("strides", 1), ("blend_strides", 0)):
             whole(name, getattr(self, name), least, "it is a number of strides", MOST_STRIDES)
-
-    def __call__(self, x: ArrayLike) -> tuple[float, str]:
-        """Return cost [J/m] and status of one vector."""
-        return self.costs([x])[0]
 
     def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
         """Evaluate many vectors at once; for the searches ``map=WalkingCost.costs``."""

@@ -14,13 +14,12 @@ about.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 import threading
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +32,7 @@ from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..run.worlds import Worlds
 from ..scene.compile import CompiledScene
-from .cost import Measures, WalkingCost, measured, walk_runs
+from .cost import BatchCost, Measures, WalkingCost, measured, walk_runs
 from .feedback import BalancedWalk
 from .gait import TICK, Gait
 
@@ -53,7 +52,7 @@ RECORD = ("base_q", "energy")
 
 
 @dataclass(frozen=True, eq=False)
-class CostInWorlds:
+class CostInWorlds(BatchCost):
     """The cost of gait vectors (D,) [rad] in several worlds, for `search.minimize`; made by `in_worlds`.
 
     Attributes
@@ -98,10 +97,6 @@ class CostInWorlds:
         """The first gait."""
         return self.cost.gait
 
-    def __call__(self, x: ArrayLike) -> tuple[float, str]:
-        """Return cost [J/m] and status of one vector."""
-        return self.costs([x])[0]
-
     def costs(self, gaits: Iterable[ArrayLike | BalancedWalk]) -> list[tuple[float, str]]:
         """Return cost [J/m] and status of many vectors, or of gaits with feedback."""
         return [self.combined([one.cost for one in found]) for found in self.measure(gaits)]
@@ -130,13 +125,10 @@ class CostInWorlds:
         runs = _WorldByWorld(candidates, self)
 
         def begin(key: tuple[_Evaluation, int]) -> tuple[np.ndarray, Reference, int]:
-            evaluation, k = key
-            signal = evaluation.signal
+            signal, k = key[0].signal, key[1]
             return standing(signal.values[0].tobytes(), k), signal, k
 
-        def end(run: Trajectory) -> Trajectory:
-            return run
-
+        end = lambda run: run  # noqa: E731
         return simulate_stream(self.scenes, self.cost.end, runs, begin, end, record=RECORD, record_interval=TICK)
 
     def standing(self, angles: np.ndarray, k: int) -> np.ndarray:
@@ -164,17 +156,17 @@ class CostInWorlds:
 
 def with_chatter(run: Trajectory) -> Trajectory:
     """Return a run, as one that went well if joint speeds chattered and nothing else failed."""
-    return dataclasses.replace(run, status=Status.OK, message="") if run.status == "chatter" else run
+    return replace(run, status=Status.OK, message="") if run.status == "chatter" else run
 
 
+@dataclass(eq=False)
 class _Evaluation:
     """A candidate that is being evaluated in all worlds."""
 
-    def __init__(self, candidate: Candidate, cost: CostInWorlds) -> None:
-        self.candidate = candidate
-        self.signal = cost.cost.reference(candidate.x, cost.cost.warm_up + cost.cost.strides)
-        self.costs: list[float | None] = [None] * len(cost.scenes)
-        self.failed = False
+    candidate: Candidate
+    signal: Reference
+    costs: list[float] = field(default_factory=list)  # in the worlds that are known
+    failed: bool = False
 
 
 class _WorldByWorld:
@@ -195,7 +187,8 @@ class _WorldByWorld:
             candidate = self._candidates.take(wait)
             if candidate is None:
                 return None
-            evaluation = _Evaluation(candidate, self._cost)
+            cost = self._cost.cost
+            evaluation = _Evaluation(candidate, cost.reference(candidate.x, cost.warm_up + cost.strides))
             with self._lock:
                 self._left.extend((evaluation, k) for k in range(len(self._cost.scenes)))
 
@@ -207,9 +200,9 @@ class _WorldByWorld:
         cost = self._cost._measured(run, k).cost
         with self._lock:
             answered = evaluation.failed
-            evaluation.costs[k] = cost
+            evaluation.costs.append(cost)
             evaluation.failed = answered or not math.isfinite(cost)
-            done = [one for one in evaluation.costs if one is not None]
+            done = [*evaluation.costs]
         if answered or (len(done) < len(self._cost.scenes) and not evaluation.failed):
             return
         self._candidates.give(evaluation.candidate, self._cost.combined(done))

@@ -162,13 +162,7 @@ class _Descent:
         found = self.watch.apart(gait.angles(TICK * np.arange(round(gait.period / TICK))))
         return found.beyond(BY_NAME["apart"])[:, 0]
 
-    def step(self, point: _Point, radius: float, seed: Sequence[int]) -> np.ndarray:
-        """Return the best change (D,) of a gait by the linear model, no larger than `radius`."""
-        slope, slopes, violations = self._slopes(point, seed)
-        near = violations > -FAR
-        return _best(slope, slopes[:, near], violations[near], self.price, radius)
-
-    def _slopes(self, point: _Point, seed: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def slopes(self, point: _Point, seed: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Fit slopes (D,) of the cost in its unit and (D, m) of the violations; return them and the violations (m,)."""
         x, D, n = point.x, len(point.x), len(self.scenes)
         generator = np.random.Generator(np.random.PCG64([*seed]))
@@ -263,7 +257,9 @@ def _advance(
     """Make a step and write it down; return the next gait, or the same one, and the next radius [rad]."""
     descent.price = min(PRICE * GROWS ** seed[1], LARGEST_PRICE)
     worst = max(descent.objective(line["f"], line["broken"]) for line in log.lines[-MEMORY:])
-    change = descent.step(point, radius, seed)
+    slope, slopes, violations = descent.slopes(point, seed)
+    near = violations > -FAR
+    change = _best(slope, slopes[:, near], violations[near], descent.price, radius)
     trials = descent.points([np.clip(point.x + share * change, *descent.box.T) for share in TRIALS])
     best = 0.0
     for share, trial in sorted(zip(TRIALS, trials), key=lambda one: one[1].objective):

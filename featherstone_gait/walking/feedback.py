@@ -315,8 +315,8 @@ def legs_of(model: Model) -> tuple[np.ndarray, np.ndarray]:
                 f"{len(roll)} joints of roll and {len(pitch)} of pitch, of 2 and 3"
             )
         found.append((roll[0], pitch[0], pitch[1], pitch[-1], roll[-1]))
-    side = [float(poses.position[0, [link.name for link in model.links].index(foot), 1]) for foot in feet]
-    if side[0] < side[1]:
+    left, right = (poses.position[0, link_index(model, foot), 1] for foot in feet)
+    if left < right:
         found.reverse()
     signs = np.array([[np.sign(axes[j][k]) for j, k in zip(row, (0, 1, 1, 1, 0))] for row in found])
     return np.array(found), signs

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite
-from .cost import walk_runs
+from .cost import BatchCost, walk_runs
 from .cost_in_worlds import NOT_EVERYWHERE, CostInWorlds, with_chatter
 from .disturbed import AFTER, BEFORE, DIRECTIONS, PHASES, push_of_trunk
 from .feedback import SENSORS, BalancedWalk, Feedback, Imu, feedback_of, size_of, undisturbed_of
@@ -59,7 +59,7 @@ def trials() -> list[Trial]:
 
 
 @dataclass(frozen=True, eq=False)
-class FeedbackCost:
+class FeedbackCost(BatchCost):
     """The price of vectors (D,): the poses [rad], if they are searched too, and the gains."""
 
     cost: CostInWorlds
@@ -119,13 +119,9 @@ class FeedbackCost:
         prices = iter(self.prices([walk for walk in walks if walk is not None]))
         return [(math.inf, "does not walk by itself") if walk is None else next(prices) for walk in walks]
 
-    def __call__(self, x: ArrayLike) -> tuple[float, str]:
-        """Return price [J/m] and status of one vector."""
-        return self.costs([x])[0]
-
     def prices(self, walks: Sequence[BalancedWalk]) -> list[tuple[float, str]]:
         """Return price [J/m] and status of each gait."""
-        energy = self.energies(walks)
+        energy = [cost for cost, _ in self.cost.costs(walks)] if walks else []  # undisturbed
         stand = [k for k, cost in enumerate(energy) if math.isfinite(cost)]
         lost = np.zeros(len(walks))
         if stand:
@@ -134,10 +130,6 @@ class FeedbackCost:
             (cost * (1.0 + self.weight * share), "ok") if math.isfinite(cost) else (math.inf, NOT_EVERYWHERE)
             for cost, share in zip(energy, lost.tolist())
         ]
-
-    def energies(self, walks: Sequence[BalancedWalk]) -> list[float]:
-        """Return the cost of each gait in the worlds, undisturbed [J/m]; infinite if it falls in one."""
-        return [cost for cost, _ in self.cost.costs(walks)] if walks else []
 
     def lost(self, walks: Sequence[BalancedWalk]) -> np.ndarray:
         """Return the loss of each gait in each trial (walks, trials), 0 to 1."""
