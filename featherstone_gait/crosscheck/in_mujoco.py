@@ -149,7 +149,7 @@ def replay(
         if status != "ok":
             break
     end = period * (len(rows) - 1)
-    channels = {name: np.array(values) for name, values in zip(rows[0], zip(*(row.values() for row in rows)))}
+    channels = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     channels["time"] = period * np.arange(len(rows))
     message = "" if status == "ok" else f"{scene.model.name} {status} at {end:.4g} s"
     info = {"robot": scene.model.name, "engine": f"MuJoCo {mujoco_version()}", "timestep": timestep}
@@ -368,9 +368,8 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     """Return the servos of the moving joints; raise ValueError for what the replay lacks."""
     model = scene.model
     servos = {name: model.servos[name] for name in model.joint_names if scene.gearbox and name in model.servos}
-    missing = []
-    for name, servo in servos.items():
-        missing += [f"{name}: the torque law {servo.controller.law!r}"] * (servo.controller.law in TORQUE_LAWS)
+    laws = {name: servo.controller.law for name, servo in servos.items()}
+    missing = [f"{name}: the torque law {law!r}" for name, law in laws.items() if law in TORQUE_LAWS]
     missing += ["springs between bodies"] * bool(scene.springs)
     if scene.gearbox == "mipsd" and len(servos) < len(model.joint_names):
         missing.append("joints without a servo beside spring-damper gearboxes")

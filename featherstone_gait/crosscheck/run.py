@@ -18,7 +18,7 @@ from ..base.arguments import instance, one_of, texts, whole
 from ..base.files import FilePath, Format, complete, read_json, write_csv
 from ..base.processes import process_pool
 from ..model import Ground, Model
-from ..scene.compile import GearboxKind, compile_scene
+from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion
 from ..walking.walker import driven, load_walker
@@ -109,7 +109,8 @@ def crosscheck(
     asked = [(name, kind) for name in FLOORS if name in names for kind in SOLES if kind in kinds]
     rows = _kept(out, settings)
     walked = model if servo is None else driven(model, servo)
-    tasks = [(*key, motion, walked, gearbox, strides, timestep) for key in asked if key not in rows]
+    scene = compile_scene(walked, gearbox, Ground(), "midpoint", 1e-3)
+    tasks = [(*key, scene, motion, strides, timestep) for key in asked if key not in rows]
     with tqdm(total=len(asked), initial=len(asked) - len(tasks), disable=not progress, unit="floor") as bar:
         for row in _evaluated(tasks, processes):
             rows[row["floor"], row["soles"]] = row
@@ -136,15 +137,8 @@ def _evaluated(tasks: list[tuple], processes: int) -> Iterator[dict]:
 
 
 def _row(
-    name: str,
-    soles: Soles,
-    motion: Motion | BalancedWalk,
-    model: Model,
-    gearbox: GearboxKind,
-    strides: int,
-    timestep: float,
+    name: str, soles: Soles, scene: CompiledScene, motion: Motion | BalancedWalk, strides: int, timestep: float
 ) -> dict:
-    scene = compile_scene(model, gearbox, Ground(), "midpoint", 1e-3)
     return {"floor": name} | walk_on(scene, motion, Floor(*FLOORS[name], soles), strides, timestep).as_dict()
 
 
