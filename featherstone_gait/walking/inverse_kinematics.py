@@ -13,7 +13,6 @@ pitch), with an arbitrary yaw; one of three or four, the position of a point foo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -75,7 +74,7 @@ def solve_leg(model: Model, foot: str, target: ArrayLike, *, times: np.ndarray |
     times : ndarray, shape (n,), optional
         Times of the targets, for messages [s].
     **how
-        point, rotation, start and tolerance: see `inverse_kinematics.reach`.
+        point, rotation, start and tolerance: see `inverse_kinematics.nearest`.
 
     Returns
     -------
@@ -97,21 +96,16 @@ def reach(
     foot: str,
     target: ArrayLike,
     *,
-    point: ArrayLike = (0.0, 0.0, 0.0),
-    rotation: np.ndarray | None = None,
-    start: np.ndarray | None = None,
     times: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
+    **how: Any,
 ) -> np.ndarray:
     """Solve for the joints between the root link and the link `foot`, regardless of their limits.
 
-    target (n, 3) [m]: positions of `point` (in the foot's axes), seen from the root link; rotation (3, 3): the foot's
-    orientation, by default that of the zero posture; start: posture (nj,) or postures (n, nj) from which the iteration
-    starts, by default the middle of the joint ranges; it decides how the knee bends, and joints outside the leg keep
-    its values; tolerance: of the task error [m and rad].  Returns joint angles (n, nj) [rad].  Raises ValueError,
-    naming foot and time, for a target out of reach.
+    how: as of `nearest`; tolerance: of the task error [m and rad].  Returns joint angles (n, nj) [rad].  Raises
+    ValueError, naming foot and time, for a target out of reach.
     """
-    angles, size = nearest(model, foot, target, point=point, rotation=rotation, start=start, tolerance=tolerance)
+    angles, size = nearest(model, foot, target, tolerance=tolerance, **how)
     times = None if times is None else finite("times", times, (len(size),), "[s]")
     if (size < tolerance).all():
         return angles
@@ -136,23 +130,32 @@ def nearest(
     tolerance: float = TOLERANCE,
     iterations: int = MAX_ITERATIONS,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Solve like `reach`, but approach targets out of reach as nearly as `iterations` allow.
+    """Solve for the joints between the root link and a foot, approaching targets out of reach as nearly as possible.
 
-    Returns joint angles (n, nj) [rad] and the error of each target (n,) [m and rad].
+    target (n, 3) [m]: positions of `point` (in the foot's axes), seen from the root link; rotation (3, 3): the foot's
+    orientation, by default that of the zero posture; start: posture (nj,) or postures (n, nj) from which the iteration
+    starts, by default the middle of the joint ranges; it decides how the knee bends, and joints outside the leg keep
+    its values.  Returns joint angles (n, nj) [rad] and the error of each target (n,) [m and rad].
     """
     check_model(model)
     instance("foot", foot, str, "give the name of a link")
     target = finite("target", np.atleast_2d(floats("target", target)), (None, 3), "[m]")
-    columns = list(leg_joints(model, foot))
+    columns, index = list(leg_joints(model, foot)), link_index(model, foot)
+    met = {5: 5, 4: 3, 3: 3}.get(len(columns), 6 if len(columns) > 5 else 5)  # rows of the task
+    moved = [model.nv - len(model.joint_names) + column for column in columns]
     if rotation is None:
-        rotation = link_poses(model, np.zeros(len(model.joint_names))).rotation[0, link_index(model, foot)]
+        rotation = link_poses(model, np.zeros(len(model.joint_names))).rotation[0, index]
     start = mid_range(model) if start is None else start
     angles = np.broadcast_to(start, (len(target), len(model.joint_names))).astype(float)
     for k in range(iterations):
-        error, J = _task(model, foot, columns, angles, target, point, rotation)
+        poses = link_poses(model, angles)
+        # Half the sum of the cross products of the axes: the rotation's axis times the sine of its angle.
+        turn = 0.5 * total(np.cross(poses.rotation[:, index], rotation[None], axis=1))
+        error = np.concatenate([target - point_at(poses, index, point), turn], axis=1)[:, :met]
         size = np.sqrt(total(error * error))
         if (size < tolerance).all() or k == iterations - 1:
             break
+        J = jacobian_at(model, poses, foot, point)[:, [3, 4, 5, 0, 1, 2]][:, :met, moved]
         transposed, damping = J.transpose(0, 2, 1), (size * size)[:, None, None] * np.eye(J.shape[1])
         step = product(transposed, solve(product(J, transposed) + damping, error[..., None]))
         angles[:, columns] += np.clip(step[..., 0], -MAX_STEP, MAX_STEP)
@@ -178,27 +181,6 @@ def check_limits(model: Model, angles: np.ndarray, times: np.ndarray | None = No
         f"joint {model.joint_names[i]!r} needs {angle:.2f} deg {_when(k, times)}, outside its limits "
         f"{low:.2f}..{high:.2f} deg; take a shorter step, a lower lift or another height of the center of mass"
     )
-
-
-def _task(
-    model: Model,
-    foot: str,
-    columns: Sequence[int],
-    angles: np.ndarray,
-    target: np.ndarray,
-    point: ArrayLike,
-    rotation: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the task error (n, m) and its Jacobian (n, m, joints of the leg)."""
-    poses = link_poses(model, angles)
-    index = link_index(model, foot)
-    # Half the sum of the cross products of the axes: the rotation's axis times the sine of its angle.
-    turn = 0.5 * total(np.cross(poses.rotation[:, index], rotation[None], axis=1))
-    error = np.concatenate([target - point_at(poses, index, point), turn], axis=1)
-    first = model.nv - len(model.joint_names)
-    J = jacobian_at(model, poses, foot, point)[:, [3, 4, 5, 0, 1, 2]][:, :, [first + c for c in columns]]
-    rows = {5: 5, 4: 3, 3: 3}.get(len(columns), 6 if len(columns) > 5 else 5)  # that are met
-    return error[:, :rows], J[:, :rows]
 
 
 def _when(k: int, times: np.ndarray | None) -> str:
