@@ -309,9 +309,9 @@ def _budget(machine: _Machine, t_m: np.ndarray) -> np.ndarray:
     The load is t_e of A dv/dt = t_m + t_f + t_e, t_f all friction: the viscous one, and what MuJoCo's constraint gave.
     """
     d, joints, types = machine.d, machine.v, _mujoco().mjtConstraint
-    rubs = d.efc_type[: d.nefc] == types.mjCNSTR_FRICTION_DOF
+    constrained = d.efc_type[: d.nefc] == types.mjCNSTR_FRICTION_DOF
     dry = np.zeros(machine.m.nv)
-    dry[d.efc_id[: d.nefc][rubs]] = d.efc_force[: d.nefc][rubs]
+    dry[d.efc_id[: d.nefc][constrained]] = d.efc_force[: d.nefc][constrained]
     speed = d.qvel[joints]
     t_e = machine.armature * d.qacc[joints] + machine.viscous * speed - t_m - dry[joints]
     return np.maximum(machine.coulomb + machine.chain.gears.budget(speed, t_m, t_e), LEAST)

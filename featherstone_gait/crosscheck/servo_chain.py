@@ -20,7 +20,7 @@ from ..scene.actuator import TOOTH_LOAD, stall_torque
 
 BLEND = 0.5  # of |t_e| + |t_m|, within which the quadratic terms change over
 AT_REST = 1e-3  # [rad/s]: the engine's joints creep where they stick
-SLIDING = 0.95  # the most of its load that rubs on a joint that slides
+SLIDING = 0.95  # largest friction of a sliding joint, as a share of its load
 GENTLE = 1e-5  # what dry friction's slope times the step may be here [kg m^2]: far below any inertia at a joint
 
 

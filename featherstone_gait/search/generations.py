@@ -43,8 +43,8 @@ class Generations(AskTell):
         """Return up to `k` next candidates, no more than are left of the generation."""
         if self.status is not None:
             raise RuntimeError("the search is over: its method came to an end")
-        told = len(self._costs)
-        self._asked = self._candidates[told : told + k]
+        known = len(self._costs)
+        self._asked = self._candidates[known : known + k]
         return [x.copy() for x in self._asked]
 
     def tell_batch(self, fs: Sequence[float]) -> int:

@@ -64,7 +64,7 @@ HISTORY = "descent along measured slopes"
 
 
 class _Outcome(NamedTuple):
-    """How a gait walks in a world."""
+    """The measures of a gait in a world."""
 
     cost: float  # [J/m]
     drift: float  # sideways over forward
@@ -127,12 +127,14 @@ class _Descent:
 
     def without_chatter(self, point: _Point) -> _Point:
         """Repeat runs with chatter at a quarter of the time step; one that chatters there too has fallen."""
-        ring = [k for k, run in enumerate(point.runs) if run.status == "chatter"]
-        if not ring or not math.isfinite(point.objective):
+        chattering = [k for k, run in enumerate(point.runs) if run.status == "chatter"]
+        if not chattering or not math.isfinite(point.objective):
             return point
         runs = list(point.runs)
-        for k, run in zip(ring, self.simulate(self.walking, [point.x] * len(ring), ring, finer=True)):
-            runs[k] = replace(run, status=Status.FELL, message="speeds ring") if run.status == "chatter" else run
+        for k, run in zip(chattering, self.simulate(self.walking, [point.x] * len(chattering), chattering, finer=True)):
+            runs[k] = (
+                replace(run, status=Status.FELL, message="joint speeds chatter") if run.status == "chatter" else run
+            )
         return self._point(point.x, runs)
 
     def _point(self, x: np.ndarray, runs: Sequence[Trajectory]) -> _Point:

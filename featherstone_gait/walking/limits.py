@@ -121,24 +121,6 @@ class Quantity:
         return beyond - FADES * np.maximum(1.0 - self.share, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Feet:
-    """Links with contact points, and the normals of their soles."""
-
-    names: tuple[str, ...]
-    rows: np.ndarray  # (feet,) of `model.links`
-    points: np.ndarray  # (points,) which foot a contact point is of
-    normals: np.ndarray  # (feet, 3) of the soles, link axes
-
-    @classmethod
-    def of(cls, model: Model, standing: np.ndarray) -> Feet:
-        """Find the feet of a robot whose soles are level in a posture (nj,) [rad] with its base upright."""
-        names = tuple(dict.fromkeys(contact.link for contact in model.contacts))
-        rows = np.array([model.link_index(name) for name in names])
-        points = np.array([names.index(contact.link) for contact in model.contacts])
-        return cls(names, rows, points, link_poses(model, standing).rotation[0, rows, 2, :])
-
-
 class Watch:
     """Measures the limited quantities of a robot's runs with `RECORD`, in scenes that differ in numbers alone.
 
@@ -149,7 +131,11 @@ class Watch:
         instance("model", model, Model, "give what load_robot returns")
         self.model = model
         self.standing = np.asarray(standing, dtype=float)
-        self.feet = Feet.of(model, self.standing)
+        owners = [contact.link for contact in model.contacts]
+        self.feet = tuple(dict.fromkeys(owners))
+        self._rows = np.array([model.link_index(name) for name in self.feet])
+        self._foot = np.array([self.feet.index(name) for name in owners])  # (points,) which foot a contact point is of
+        self._normals = link_poses(model, self.standing).rotation[0, self._rows, 2, :]  # of the soles, link axes
         pairs, limit = self._of_limbs(), BY_NAME["apart"]
         distance = shape_distances(model, upright_states(model, self.standing)[0], pairs)
         self.pairs = pairs[distance >= limit.bound + limit.margin]  # without those of `close`
@@ -189,23 +175,23 @@ class Watch:
 
     def of_feet(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
         """Measure swing and tilt."""
-        model, feet = self.model, self.feet
+        model, normals = self.model, self._normals
         poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
         points = contact_positions_at(model, poses)
         force = run["contact_force"][window, :, 0]
         weight = scene.model.mass * math.hypot(*scene.gravity)
-        up = poses.rotation[:, feet.rows, 2, :]
-        cosine = up[..., 0] * feet.normals[:, 0] + up[..., 1] * feet.normals[:, 1] + up[..., 2] * feet.normals[:, 2]
+        up = poses.rotation[:, self._rows, 2, :]
+        cosine = up[..., 0] * normals[:, 0] + up[..., 1] * normals[:, 1] + up[..., 2] * normals[:, 2]
         tilt = np.sqrt(2.0 * np.maximum(1.0 - cosine, 0.0))  # 2 sin(angle / 2), with the same bits everywhere
         height, fast, loaded = np.empty((3, *cosine.shape))
-        for foot in range(len(feet.names)):
-            own = np.flatnonzero(feet.points == foot)
+        for foot in range(len(self.feet)):
+            own = np.flatnonzero(self._foot == foot)
             height[:, foot] = points[:, own, 2].min(axis=1)
             u, v = np.gradient(total(points[:, own, :2], axis=1), axis=0).T
             speed = u * u + v * v
             fast[:, foot] = np.sqrt(speed / max(speed.max(), TINY)) / FAST
             loaded[:, foot] = sum(force[:, k] for k in own) / (BEARS * weight)
-        return {"swing": Quantity(height, fast, feet.names), "tilt": Quantity(tilt, loaded, feet.names)}
+        return {"swing": Quantity(height, fast, self.feet), "tilt": Quantity(tilt, loaded, self.feet)}
 
     def apart(self, q: np.ndarray) -> Quantity:
         """Measure how far links are apart in postures (n, nj) [rad]."""
