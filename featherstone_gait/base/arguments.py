@@ -84,12 +84,13 @@ def texts(name: str, value: Any, remedy: str = "give a list of names") -> list[s
     return found
 
 
-def one_of(name: str, value: object, choices: Iterable[str]) -> None:
-    """Raise ValueError unless the value is one of the choices."""
+def one_of(name: str, value: object, choices: Iterable[str]) -> str:
+    """Return the value; raise ValueError unless it is one of the choices."""
     known = list(choices)
     if not isinstance(value, str) or value not in known:
         text = ", ".join(map(repr, known[:-1])) + f" or {known[-1]!r}"
         raise ValueError(f"{name} is {shown(value)}; expected {text}: use one of these")
+    return value
 
 
 def shown(value: object) -> str:

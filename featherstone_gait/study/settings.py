@@ -27,7 +27,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
@@ -42,6 +42,7 @@ from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
 from ..model import SERVO_UNITS, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
+from ..robot_file.toml import check_keys, table_of
 from ..run.worlds import servo_with
 from ..scene.compile import CompiledScene, compile_scene
 from ..scene.gearbox_kinds import GEARBOX_KINDS
@@ -211,15 +212,15 @@ def read_study(path: FilePath) -> Study:
 
 def _study(path: Path, table: dict) -> Study:
     own = ("robot", "locked", "base", "experiment", "duration", "strides", "warm_up", "sampling", "vary", "worlds")
-    _check_keys(table, (*own, *SECTIONS), "top level")
-    experiment = _choice("experiment", table.get("experiment"), FOREIGN)
+    check_keys(table, (*own, *SECTIONS), "top level")
+    experiment = one_of("experiment", table.get("experiment"), FOREIGN)
     for key in FOREIGN[experiment]:
         if key in table:
             raise ValueError(f"{key} is not used by experiment {experiment!r}: remove it")
-    sampling = _sampling(_table(table, "sampling"))
+    sampling = _sampling(table_of(table, "sampling", ""))
     fixed = {name: _value(name, value) for name, value in _parameters(table, experiment)}
-    worlds = _table(table, "worlds")
-    axes = _axes(_table(table, "vary"), experiment, sampling, bool(worlds))
+    worlds = table_of(table, "worlds", "")
+    axes = _axes(table_of(table, "vary", ""), experiment, sampling, bool(worlds))
     for name in axes:
         if name in fixed:
             raise ValueError(f"{name} is both in [{name.partition('.')[0]}] and in [vary]; keep one of the two")
@@ -242,7 +243,7 @@ def _study(path: Path, table: dict) -> Study:
         "vary": {name: list(axis) for name, axis in axes.items()},
         "worlds": {draw.name: [*asdict(draw.spread).values(), draw.shape] for draw in draws},
         "gaits": {name: walk.digest() for name, walk in walks.items()},
-        "record_interval": None if shares is None else _digest(shares.tobytes()),
+        "shares": None if shares is None else _digest(shares.tobytes()),
         "version": __version__,
         "kernels": source_hash(),
     }
@@ -261,7 +262,7 @@ def _model(path: Path, table: dict) -> Model:
     if not isinstance(robot, str):
         raise ValueError(f"robot is {'missing' if robot is None else repr(robot)}; give a name in quotes")
     source = path.parent / robot if robot.endswith(".urdf") else robot
-    base: Any = _choice("base", table["base"], ("fixed", "floating")) if "base" in table else None
+    base: Any = one_of("base", table["base"], ("fixed", "floating")) if "base" in table else None
     locked = table.get("locked")
     if not isinstance(locked, (str, list, dict, type(None))):
         raise ValueError(f"locked is {locked!r}; give a set of the robot, a list of joints or a table of positions")
@@ -307,7 +308,7 @@ def _walks(path: Path, model: Model, fixed: dict, axes: dict[str, Axis]) -> dict
 def _parameters(table: dict, experiment: str, where: str = "") -> Iterator[tuple[str, Any]]:
     """Yield name and value of every parameter in the sections of a table, in its order."""
     for section in [key for key in table if key in SECTIONS]:
-        for key, value in _table(table, section, where).items():
+        for key, value in table_of(table, section, where).items():
             name = f"{section}.{key}"
             if name in OLD:
                 deprecated.warn(f"{where}{name}", OLD[name])
@@ -336,7 +337,7 @@ def _value(name: str, value: Any) -> Any:
 
 
 def _axes(vary: dict, experiment: str, sampling: dict, drawn: bool) -> dict[str, Axis]:
-    _check_keys(vary, SECTIONS, "vary")
+    check_keys(vary, SECTIONS, "vary")
     found = {name: _axis(name, value, sampling) for name, value in _parameters(vary, experiment, "vary.")}
     if not found and not drawn:
         raise ValueError("vary is empty; name at least one parameter, for instance [vary] servo.Kp = [30.0, 60.0]")
@@ -358,11 +359,11 @@ def _axis(name: str, value: Any, sampling: dict) -> Axis:
 
 def _range(name: str, table: dict, sampling: dict) -> Axis:
     what, grid = f"vary.{name}", sampling["method"] == "grid"
-    _check_keys(table, ("from", "to", "scale", *(("count",) if grid else ())), what)
+    check_keys(table, ("from", "to", "scale", *(("count",) if grid else ())), what)
     if not {"from", "to"} <= table.keys() or (grid and "count" not in table):
         raise ValueError(f"{what} is {table!r}; give from and to{', and for a grid the count of values' * grid}")
     low, high = (_value(name, table[key]) for key in ("from", "to"))
-    log = _choice(what + ".scale", table.get("scale", "linear"), ("linear", "log")) == "log"
+    log = one_of(what + ".scale", table.get("scale", "linear"), ("linear", "log")) == "log"
     if not -math.inf < low < high < math.inf or (log and low <= 0):
         raise ValueError(f"{what} goes from {low} to {high}; give two finite numbers that rise{', > 0' * log}")
     if not grid:
@@ -373,10 +374,10 @@ def _range(name: str, table: dict, sampling: dict) -> Axis:
 
 
 def _sampling(table: dict) -> dict:
-    _check_keys(table, ("method", "count", "seed"), "sampling")
-    method = _choice("sampling.method", table.get("method", "grid"), METHODS)
+    check_keys(table, ("method", "count", "seed"), "sampling")
+    method = one_of("sampling.method", table.get("method", "grid"), METHODS)
     if method == "grid":
-        _check_keys(table, ("method",), "sampling of a grid")
+        check_keys(table, ("method",), "sampling of a grid")
         return {"method": method}
     if "count" not in table:
         raise ValueError(f"sampling.count is missing; give the number of runs of {method!r}")
@@ -470,21 +471,3 @@ def _digest(data: bytes | str) -> str:
 
 def _shown(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else repr(value)
-
-
-def _check_keys(table: dict, known: tuple[str, ...], what: str) -> None:
-    for key in table:
-        if key not in known:
-            raise ValueError(f"{what}: unknown key {key!r}; use {', '.join(known)}")
-
-
-def _table(table: dict, key: str, where: str = "") -> dict:
-    value = table.get(key, {})
-    if not isinstance(value, dict):
-        raise ValueError(f"{where}{key} is {value!r}; give a table: [{where}{key}] and key = value lines below it")
-    return value
-
-
-def _choice(name: str, value: Any, choices: Iterable[str]) -> str:
-    one_of(name, value, choices)
-    return str(value)
