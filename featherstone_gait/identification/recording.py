@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.arguments import floats, instance, is_real, listed, shown
+from ..base.arguments import finite, instance, is_real, listed, shown
 from ..base.arguments import path as path_of
 from ..base.files import FilePath, Format, number, read_csv, write_csv
 from ..model import SERVO_UNITS
@@ -56,16 +56,10 @@ class Recording:
         for name, value in self.settings.items():
             if not is_real(value):
                 raise ValueError(f"recording {self.name}: settings: {name} is {shown(value)}; expected a number")
-        for name in ("time", "reference", "angle", "voltage"):
-            if name == "voltage" and self.voltage is None:
-                continue
-            values = np.array(floats(f"recording {self.name}: {name}", getattr(self, name)))
-            if values.ndim != 1 or values.shape != np.shape(self.time) or not np.isfinite(values).all():
-                raise ValueError(
-                    f"recording {self.name}: {name} has shape {values.shape}, time {np.shape(self.time)}; give as many "
-                    "finite numbers of each"
-                )
-            object.__setattr__(self, name, values)
+        for name in ("time", "reference", "angle", *(() if self.voltage is None else ("voltage",))):
+            count = None if name == "time" else len(self.time)
+            values = finite(f"recording {self.name}: {name}", getattr(self, name), (count,))
+            object.__setattr__(self, name, values.copy())
         if len(self.time) < LEAST_SAMPLES or self.time[0] != 0.0 or (np.diff(self.time) <= 0).any():
             raise ValueError(f"recording {self.name}: give {LEAST_SAMPLES} times or more that rise from 0")
 

@@ -42,7 +42,7 @@ from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
 from ..model import SERVO_UNITS, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
-from ..robot_file.toml import check_keys, table_of
+from ..robot_file.toml import check_keys, table_of, written
 from ..run.worlds import servo_with
 from ..scene.compile import CompiledScene, compile_scene
 from ..scene.gearbox_kinds import GEARBOX_KINDS
@@ -332,7 +332,7 @@ def _value(name: str, value: Any) -> Any:
     if kind is None and not isinstance(value, str):
         raise ValueError(f"{name} is {value!r}; give a name in quotes")
     if kind is not None and (value not in kind or type(value) is not type(next(iter(kind)))):
-        raise ValueError(f"{name} is {value!r}; use one of {', '.join(map(_shown, kind))}")
+        raise ValueError(f"{name} is {value!r}; use one of {', '.join(map(written, kind))}")
     return value
 
 
@@ -454,7 +454,7 @@ def _check_values(model: Model, fixed: dict, axes: dict[str, Axis]) -> None:
     first = {name: values[0] for name, values in ends.items()}
     changes = [(name, value) for name, values in ends.items() for value in values]
     for change in [*([item] for item in changes), []]:
-        point, what = fixed | first | dict(change), "".join(f"vary.{k} = {_shown(value)}: " for k, value in change)
+        point, what = fixed | first | dict(change), "".join(f"vary.{k} = {written(value)}: " for k, value in change)
         if not 0 < point.get("scene.timestep", 1.0) < math.inf:
             raise ValueError(f"{what}scene.timestep is {point['scene.timestep']} s; it must be positive and finite")
         try:
@@ -467,7 +467,3 @@ def _check_values(model: Model, fixed: dict, axes: dict[str, Axis]) -> None:
 def _digest(data: bytes | str) -> str:
     data = data.encode() if isinstance(data, str) else data
     return hashlib.sha256(data).hexdigest()[:16]
-
-
-def _shown(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else repr(value)
