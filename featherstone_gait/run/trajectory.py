@@ -179,7 +179,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         parts = described.pop("parts", None)
         _check_described(text, described)
         channels, error = (
-            {_now(name.removeprefix(kind)): values for name, values in arrays.items() if name.startswith(kind)}
+            {_current(name.removeprefix(kind)): values for name, values in arrays.items() if name.startswith(kind)}
             for kind in ("channel_", "error_")
         )
         parts = None if parts is None else _parts(text, parts, len(final))
@@ -224,8 +224,8 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
     """Set the error of a run to its difference from a finer run, times `factor` (step doubling).
 
     With half the step a method of order p leaves 1 / (1 - 2**-p) of the difference: 2 holds from order 1 on, and where
-    kinks cost a higher method its order.  A tenth of the tolerance leaves a tenth of the error: 1.1.  Where the finer
-    run ended otherwise, or the run failed, the error is infinite.
+    discontinuities cost a higher method its order.  A tenth of the tolerance leaves a tenth of the error: 1.1.  Where
+    the finer run ended otherwise, or the run failed, the error is infinite.
     """
     broken = run.failed and run.status is not Status.FELL
     same = not broken and run.status == finer.status and abs(run.end_time - finer.end_time) <= 0.02 * run.end_time
@@ -281,8 +281,8 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             )
 
 
-def _now(name: str) -> str:
-    """Return today's name of a channel in a file, which may be older."""
+def _current(name: str) -> str:
+    """Return the current name of a channel in a file, which may be older."""
     return OLD.get(name, name)
 
 
@@ -291,6 +291,6 @@ def _parts(path: Path, parts: Any, length: int) -> dict[str, tuple[int, int]]:
     if isinstance(parts, dict):
         lists = [part for part in parts.values() if isinstance(part, list) and [*map(type, part)] == [int, int]]
         if len(lists) == len(parts) and all(0 <= start <= stop <= length for start, stop in lists):
-            return {_now(name): (start, stop) for name, (start, stop) in parts.items()}
+            return {_current(name): (start, stop) for name, (start, stop) in parts.items()}
     expected = f"the first and past-the-last index of each name in the {length} numbers of the final state"
     raise ValueError(f"{path}: parts is {repr(parts)[:100]}; expected {expected}: simulate again")

@@ -24,7 +24,7 @@ OLD_LABELS = {"meter": "electrical_no_regeneration", "driver": "driver_loss"}
 
 
 def current_name(name: Any) -> Any:
-    """Return a channel's name, of an old name today's, with a DeprecationWarning; anything else as it is."""
+    """Return the current name of a channel, with a DeprecationWarning for an old one; anything else as it is."""
     if isinstance(name, str) and name in OLD:
         deprecated.warn(f"channel {name!r}", repr(OLD[name]))
         return OLD[name]

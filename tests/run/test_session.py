@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scenes import G, pendulum, with_controller
 
+from featherstone_gait.core.step import state
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run import sensors
@@ -17,6 +18,7 @@ from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.session import Session
 from featherstone_gait.run.simulate import Push, initial_state, reset_time, simulate, simulate_batch
 from featherstone_gait.run.worlds import Distribution, Worlds
+from featherstone_gait.scene.channels import channel_table
 from featherstone_gait.scene.compile import compile_scene
 
 LAW = {"law": "pid_position", "Kp": 40.0, "Ki": 20.0, "Kd": 0.3, "lag": 0.013, "delay": 0.003}
@@ -228,6 +230,18 @@ def test_a_servo_that_follows_its_reference_at_every_instant():
 
 
 # ------------------------------------------------------------------------------------------------ observing
+
+
+def test_a_channel_that_is_added_to_the_table_is_observed(monkeypatch):
+    channel = state.Channel("twice", "computed", "joint", 1, "rad", "twice q", needs=("q",), compute=lambda q: 2.0 * q)
+    monkeypatch.setitem(state.BY_NAME, channel.name, channel)
+    state.RECORDABLE += (channel.name,)
+    try:
+        seen = Session(servo_arm(), observe=("q", "twice")).observe()
+        assert np.array_equal(seen["twice"], 2.0 * seen["q"])
+        assert channel.name in channel_table()
+    finally:
+        state.RECORDABLE.remove(channel.name)
 
 
 def test_observations_are_channels_and_sensors_in_the_same_arrays():
