@@ -264,12 +264,10 @@ class _Actor:
         """Write how the run ended as HTML."""
         run = self.run
         if run.status == "ok":
-            text = f"<b>{escape(self.caption)}</b>: ok"
-        else:
-            when = f" at {run.end_time:.4g} s" if run.failed else ""
-            text = f"<b>{escape(self.caption)}: {escape(run.status)}{when}</b><br>{escape(run.message)}"
-        color = "" if run.status == "ok" else f"color:{BAD};"
-        return f'<div style="{color}margin:0.2em 1em">{text}</div>'
+            return f'<div style="margin:0.2em 1em"><b>{escape(self.caption)}</b>: ok</div>'
+        when = f" at {run.end_time:.4g} s" if run.failed else ""
+        text = f"<b>{escape(self.caption)}: {escape(run.status)}{when}</b><br>{escape(run.message)}"
+        return f'<div style="color:{BAD};margin:0.2em 1em">{text}</div>'
 
     def row(self, t: float) -> int:
         """Find the last sample up to a time [s]."""
@@ -282,11 +280,10 @@ class _Actor:
         self.links = {link: scene.add_frame(f"{name}/{link.replace('/', '_')}", show_axes=False) for link in names}
         self.meshes = [
             scene.add_mesh_simple(
-                f"{self.links[piece.link].name}/{k}", piece.points, piece.triangles, color=piece.color,
-                opacity=_opacity(piece.opacity), side="double",
+                f"{self.links[piece.link].name}/{k}", piece.points, piece.triangles, color=piece.color, side="double"
             )
             for k, piece in enumerate(self.found)
-        ]  # fmt: skip
+        ]
         r = 0.012 * self.size
         self.label = scene.add_label(f"{name}/label", self.caption, anchor="bottom-center")
         self.mass = scene.add_icosphere(f"{name}/center_of_mass", 2.0 * r, color=MASS)
@@ -337,11 +334,8 @@ class _Actor:
     def look(self, ghost: bool) -> None:
         """Draw the robot transparent, or not."""
         for mesh, piece in zip(self.meshes, self.found):
-            mesh.opacity = _opacity(GHOST * piece.opacity if ghost else piece.opacity)
-
-
-def _opacity(opacity: float) -> float | None:
-    return None if opacity >= 1.0 else opacity
+            opacity = GHOST * piece.opacity if ghost else piece.opacity
+            mesh.opacity = None if opacity >= 1.0 else opacity
 
 
 class _Stage:
