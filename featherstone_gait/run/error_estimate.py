@@ -1,23 +1,22 @@
 """Estimate the global error of a run from a second run in other steps.
 
-With error control the second run has `COARSER` times the tolerance.  Where the tolerance orders the errors, those of
-the second run are that many times as large, and the difference of both is some nine errors of the run.  Discontinuities
-and chaos leave less between them; hence a larger `SHARE` of the difference than a ninth is taken for the error.  Where
-ticks or records end the steps before the tolerance does, `ars343` takes two of the second run's steps for one, and the
-difference is most of the error.  Where discontinuities and not the tolerance decide the steps, so that many are
-rejected, errors fall by little from one tolerance to the next, and the whole difference is taken.
+Error control: the second run has `COARSER` times the tolerance.  Where errors are proportional to the tolerance, the
+difference of the two runs is some nine errors of the run.  Discontinuities and chaos leave a smaller difference, so a
+larger `SHARE` of it than a ninth is taken for the error.  Where ticks or records end the steps before the tolerance
+does, `ars343` takes two steps for one of the second run, and the difference is most of the error.  Where
+discontinuities decide the steps, so that many are rejected, errors hardly fall with the tolerance, and the whole
+difference is taken.
 
-At a fixed step h the second run takes steps of 2 h: of order p the difference is 2^p - 1 errors of the run.
-Discontinuities leave less at any order: an error that falls with the root of h is 2.4 differences, which are taken of
-order 1; of order 2 a half, of order 4 0.38, with which a smooth run looks six times as wrong as it is.  Where 2 h does
-not fit between ticks or records, or is no longer stable, the second run takes steps of h / 2, and the error is twice
-the difference.  A run that the second run makes inaccurate gets a third run in steps of h / 2, which is believed: on
-stiff stops errors grow faster than any power of h.  Where of order 1 the third run's difference is not half of the
-second one's, discontinuities may hide in both, and the error is 3.4 times the difference, as if it fell with the root
-of h.
+Fixed steps h: the second run takes steps of 2 h.  The difference is 2^p - 1 errors of the run at order p, and less at
+discontinuities of any order: an error that falls with the root of h is 2.4 differences.  That is taken at order 1, a
+half at order 2, and 0.38 at order 4, which makes a smooth run look six times as wrong as it is.  Where 2 h does not fit
+between ticks or records, or is unstable, the second run takes steps of h / 2, and the error is twice the difference.  A
+run that the second run makes inaccurate gets a third run in steps of h / 2, whose verdict counts: on stiff stops errors
+grow faster than any power of h.  Where at order 1 the difference to the third run is not half of that to the second,
+discontinuities may hide in both, and the error is 3.4 times the difference, as if it fell with the root of h.
 
-`dop853` cannot have dry friction as steep as it is, and has it over some width about rest.  Its second run has it over
-twice that width: if the effect of the width is in proportion to it, the difference is all of that effect.
+`dop853` cannot resolve steep dry friction and spreads it over a range of speeds about rest.  Its second run doubles
+that range: if the effect is proportional to the range, the difference is the whole effect.
 """
 
 from __future__ import annotations

@@ -138,11 +138,13 @@ class CompiledScene:
     def rtol(self) -> float:
         """Default tolerance of error control.
 
-        Of 40 steps of seven servos (`arm7`, mipsd) 10 miss by more than 1e-3 rad with the status ok at 1e-2, 2 at 1e-3,
-        one at 3e-4, none at 1e-4, which takes 1.6 times as long as 1e-2; with a supply that sags 9 of 25 do at 1e-2.
-        Of 40 motions of ten servos on feet, into falls and in the air, none does at 1e-2.  Where a control law jumps,
-        the smallest error may decide on which side: of 60 steps of a servo with an encoder step of 5 mrad 32 are
-        silently wrong at 1e-2, 21 at 1e-3; of 80 others one at 1e-5, none at 1e-6.
+        Measured by steps of a reference that end more than 1e-3 rad off with the status "ok":
+
+        - Seven servos (`arm7`, mipsd): 10 of 40 steps at a tolerance of 1e-2, 2 at 1e-3, one at 3e-4, none at 1e-4,
+          which takes 1.6 times as long as 1e-2.  With a supply that sags: 9 of 25 at 1e-2.
+        - Ten servos on feet, with falls and flights: none of 40 motions at 1e-2.
+        - A servo with an encoder step of 5 mrad, whose control law jumps, so that the smallest error may decide on
+          which side: 32 of 60 steps at 1e-2, 21 at 1e-3; of 80 others one at 1e-5, none at 1e-6.
         """
         if self.largest_jump > JUMP:
             return min(self.method.rtol, JUMPING)
