@@ -63,11 +63,11 @@ def _figure(study: Study, table: Path) -> Figure:
     columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]
     mean = "\nmean of the draws [widths]"
     columns += [
-        _Column(draw.name + mean, np.array(read[draw.name], dtype=float), None, Axis(None, -1.0, 1.0))
+        _Column(draw.name + mean, np.array(read[draw.name], dtype=float), None, Axis((), -1.0, 1.0))
         for draw in study.setup.draws
     ]
-    columns = [column for column in columns if column.axis.size != 1] or columns[:1]
-    shape = [column.axis.size for column in columns]
+    columns = [column for column in columns if len(column.axis.values) != 1] or columns[:1]
+    shape = [len(column.axis.values) for column in columns]
     grid, several = study.shares is None, len(columns) == 3 and study.shares is None and min(shape) <= MAPS
     count = min(shape) if several else len(columns) if len(columns) > 2 else 1
     width = min(count, 3)
@@ -96,7 +96,7 @@ def _column(name: str, axis: Axis, texts: Sequence[str]) -> _Column:
     unit = PARAMETERS[name]
     if isinstance(unit, str):
         return _Column(name if unit == "-" else f"{name} [{unit}]", np.array(texts, dtype=float), None, axis)
-    names = tuple(str(value) for value in axis.listed)
+    names = tuple(str(value) for value in axis.values)
     return _Column(name, np.array([names.index(text) for text in texts], dtype=float), names, axis)
 
 
@@ -145,7 +145,7 @@ def _marginal(panel: Axes, column: _Column, y: np.ndarray, ok: np.ndarray, line:
 def _median(column: _Column, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compute the median of the runs at each value, or in bins along a parameter with more than a few values."""
     x, known = column.x, np.isfinite(y)
-    if column.axis.values is None or (len(column.axis.values) > FEW and column.names is None):
+    if not column.axis.values or (len(column.axis.values) > FEW and column.names is None):
         spaced = np.geomspace if column.log else np.linspace
         edges = spaced(x.min(), x.max(), BINS + 1)
         place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)
@@ -166,13 +166,13 @@ def _norm(y: np.ndarray) -> Any:
 
 def _maps(figure: Figure, panels: np.ndarray, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str) -> None:
     """Draw a cell for each run of a grid over two parameters, with a map for each value of a third."""
-    shape, norm, titles = [column.axis.size for column in columns], _norm(y), [""]
+    shape, norm, titles = [len(column.axis.values) for column in columns], _norm(y), [""]
     values, sound = (x.reshape(-1, *shape[-2:]) for x in (y, ok))
     if len(columns) == 3:
         apart = int(np.argmin(shape))  # the one with the fewest values
         values, sound = (np.moveaxis(x.reshape(shape), apart, 0) for x in (y, ok))
         name, _, unit = columns[apart].label.partition(" [")
-        titles = [f"{name} {text} {unit.rstrip(']')}".rstrip() for text in _texts(columns[apart].axis.listed)]
+        titles = [f"{name} {text} {unit.rstrip(']')}".rstrip() for text in _texts(columns[apart].axis.values)]
         columns = columns[:apart] + columns[apart + 1 :]
     for panel, title, v, o in zip(panels, titles, values, sound):
         image = _cells(panel, columns, v, o, norm)
@@ -195,8 +195,8 @@ def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, n
     panel.grid(False)
     image = panel.pcolormesh(y, norm=norm, cmap="viridis")
     for set_ticks, column in ((panel.set_xticks, across), (panel.set_yticks, up)):
-        step = -(-column.axis.size // LABELS)
-        texts = _texts(column.axis.listed[::step])
+        step = -(-len(column.axis.values) // LABELS)
+        texts = _texts(column.axis.values[::step])
         set_ticks(0.5 + step * np.arange(len(texts)), texts)
     rows, cells = np.nonzero(~ok)
     panel.plot(0.5 + cells, 0.5 + rows, "X", color=BAD, markersize=8, markeredgecolor="white", label="not ok")

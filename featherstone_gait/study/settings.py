@@ -105,27 +105,16 @@ class Setup:
 
 
 class Axis(NamedTuple):
-    """The values of a parameter: `values`, or any between `low` and `high`."""
+    """The values of a parameter: `values`, or, if there are none, any between `low` and `high`."""
 
-    values: tuple[Any, ...] | None
+    values: tuple[Any, ...]
     low: float = 0.0
     high: float = 1.0
     log: bool = False
 
-    @property
-    def size(self) -> int:
-        """Number of values that the axis lists; 0 for a range."""
-        return 0 if self.values is None else len(self.values)
-
-    @property
-    def listed(self) -> tuple[Any, ...]:
-        """The values of an axis that lists them, as every axis of a grid does."""
-        assert self.values is not None
-        return self.values
-
     def at(self, u: float) -> Any:
         """Return the value at the fraction u in [0, 1) of the axis."""
-        if self.values is not None:
+        if self.values:
             return self.values[int(u * len(self.values))]
         if self.log:
             return self.low * (self.high / self.low) ** u
@@ -158,7 +147,7 @@ class Study:
 
     def __len__(self) -> int:
         """Count the runs."""
-        return math.prod(axis.size for axis in self.axes) if self.shares is None else len(self.shares)
+        return math.prod(len(axis.values) for axis in self.axes) if self.shares is None else len(self.shares)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -172,7 +161,7 @@ class Study:
             places = np.cumsum([len(self.axes), *(draw.numbers for draw in self.setup.draws)])
             drawn = (d.spread.at(own[k : k + d.numbers]) for d, k in zip(self.setup.draws, places.tolist()))
             return (*(axis.at(u) for axis, u in zip(self.axes, own.tolist())), *drawn)
-        listed = [axis.listed for axis in self.axes]
+        listed = [axis.values for axis in self.axes]
         chosen = np.unravel_index(run, [len(values) for values in listed])
         return tuple(values[k] for values, k in zip(listed, chosen))
 
@@ -285,7 +274,7 @@ def _draws(
 
 def _walks(path: Path, model: Model, fixed: dict, axes: dict[str, Axis]) -> dict[str, Walk]:
     """Read the gaits that are named by files."""
-    files = axes["gait.file"].listed if "gait.file" in axes else [fixed[key] for key in ("gait.file",) if key in fixed]
+    files = axes["gait.file"].values if "gait.file" in axes else [fixed[key] for key in ("gait.file",) if key in fixed]
     planned = [name for name in (*fixed, *axes) if name.startswith("gait.") and name != "gait.file"]
     if files and planned:
         raise ValueError(f"gait.file is a whole gait and {planned[0]} plans another; keep one of the two")
@@ -367,7 +356,7 @@ def _range(name: str, table: dict, sampling: dict) -> Axis:
     if not -math.inf < low < high < math.inf or (log and low <= 0):
         raise ValueError(f"{what} goes from {low} to {high}; give two finite numbers that rise{', > 0' * log}")
     if not grid:
-        return Axis(None, low, high, log)
+        return Axis((), low, high, log)
     count = whole(what + ".count", table["count"], 2, FEWER, MOST_RUNS)
     spaced = np.geomspace if log else np.linspace
     return Axis(tuple(float(f"{x:.15g}") for x in spaced(low, high, count)))
