@@ -23,9 +23,9 @@ from ..core.effects.motor import add_electrical, current_step
 from ..core.effects.rigid_servo import RigidServo
 from ..core.effects.supply import move_source
 from ..core.integrate import INTEGRATORS
-from ..core.integrate.integrator import NEWTON_TOLERANCE, Integrator, Sizes, scratch, take_step
+from ..core.integrate.integrator import Integrator, Sizes, scratch, take_step
 from ..core.step.advance import advance
-from ..core.step.context import Scratch, Step
+from ..core.step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..core.step.newton import solve_step
 
 add_sources(__name__, __file__)

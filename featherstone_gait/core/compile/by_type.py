@@ -9,7 +9,8 @@
         ...
 
 `Servo` is a NamedTuple class, or NoneType for an actuator that is absent.  A kind that a kernel is not compiled for
-costs nothing, and new kinds register themselves.  With the JIT off it is a look-up by `type`.
+costs nothing, and new kinds register themselves.  What is `overridable` need not be registered for a type: its own body
+holds for all others.  With the JIT off both are a look-up by `type`.
 """
 
 import functools
@@ -23,11 +24,8 @@ from .jit import INLINE
 NoneType = type(None)
 
 
-def by_type(function):
-    """Make `function` a choice among what `function.of(Type, ...)` and `function.otherwise` register.
-
-    Its own body never runs.
-    """
+def by_type(function, default=None):
+    """Make `function` a choice among what `function.of(Type, ...)` registers; its own body never runs."""
     kinds = {}
 
     @functools.wraps(function)
@@ -35,10 +33,10 @@ def by_type(function):
         return found(type(chosen))(chosen, *arguments)
 
     def found(kind):
-        if kind not in kinds and None not in kinds:
+        if kind not in kinds and default is None:
             known = ", ".join(k.__name__ for k in kinds)
             raise TypingError(f"{function.__name__}: there is none of {kind}; there are those of {known}")
-        return kinds.get(kind) or kinds[None]
+        return kinds.get(kind, default)
 
     def of(*types_):
         def register(implementation):
@@ -47,13 +45,14 @@ def by_type(function):
 
         return register
 
-    def otherwise(implementation):
-        kinds[None] = implementation
-        return implementation
-
     @overload(call, jit_options=INLINE, strict=False)
     def _choose(chosen, *arguments):
         return found(NoneType if isinstance(chosen, types.NoneType) else getattr(chosen, "instance_class", chosen))
 
-    call.of, call.otherwise = of, otherwise
+    call.of = of
     return call
+
+
+def overridable(function):
+    """Make `function` a choice by type too, whose own body holds for types for which nothing is registered."""
+    return by_type(function, function)

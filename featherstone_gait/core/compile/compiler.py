@@ -38,7 +38,7 @@ from .structure import never_written, size_of
 
 
 class _Library(JITCodeLibrary):
-    """Of functions that are optimized where they are linked, not one by one: what calls them stays what it was."""
+    """Code that LLVM optimizes after it has been linked, not function by function."""
 
     def add_ir_module(self, ir_module):
         never_written(ir_module, self.codegen.target_data)
@@ -106,7 +106,7 @@ def _link(libraries, module, linked):
 
 @register_pass(mutates_CFG=False, analysis_only=True)
 class _BeforeLowering(FunctionPass):
-    """Of this function alone: no references, and a library of ours."""
+    """Turn off reference counts for the function that is compiled, and give it a library of this file."""
 
     _name = "before_lowering"
 

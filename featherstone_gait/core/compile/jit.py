@@ -1,4 +1,4 @@
-"""How the kernels are compiled: the three decorators, the pipeline and the cache.
+"""Compilation of the kernels: the three decorators, the pipeline and the cache.
 
 `kernel` marks a function that is only called by other kernels, `inline` a small one that is merged into its caller,
 `entry` one that Python calls: it is cached on disk (with everything it calls) and releases the GIL.
@@ -31,7 +31,7 @@ import re
 import shutil
 import tempfile
 import time
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numba
@@ -49,7 +49,6 @@ carray = numba.carray  # an array of a pointer, in what `outside` compiles
 KEPT, RECENT = 3, 86400.0  # folders of other sources: the last so many stay, and all used within so many seconds
 PATIENCE, OFTEN = 300.0, 0.05  # [s] for another process that compiles, and between two looks
 _log = logging.getLogger(__name__)
-
 
 
 def _private_pipeline():
@@ -105,22 +104,17 @@ def _cache_folder() -> str:
     for root in roots:
         folder = os.path.join(root, key + kind)
         try:
-            _make_ready(folder)
+            new = not os.path.isdir(folder)
+            os.makedirs(folder, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()  # OSError if no file can be made
+            os.utime(folder)
+            if new:
+                clear_old(folder)
             return folder
         except OSError as error:
             why = error.strerror
     _tell_once(roots[-1], why)
     return ""
-
-
-def _make_ready(folder: str) -> None:
-    """Make a folder that is not there, in place of old ones; raise OSError if no file can be made in it."""
-    new = not os.path.isdir(folder)
-    os.makedirs(folder, exist_ok=True)
-    tempfile.TemporaryFile(dir=folder).close()
-    os.utime(folder)
-    if new:
-        clear_old(folder)
 
 
 def clear_old(folder: str) -> None:
@@ -175,11 +169,10 @@ def _inner(function, options):
 def entry(function):
     """Compile `function` for calls from Python: cached on disk, without the GIL."""
     if not JIT:
-        return _quiet(function)
+        return np.errstate(all="ignore")(function)  # compiled code warns of no infinity or NaN
     kept = _with_cache(function) if CACHE_FOLDER else None
     dispatcher = kept or numba.njit(function, **ENTRY)
-    compile_ = functools.partial(_compile, dispatcher, dispatcher.compile, kept is not None)
-    dispatcher.compile = functools.partial(_compile_once, kept, compile_) if kept else compile_
+    dispatcher.compile = functools.partial(_compile, dispatcher, dispatcher.compile, kept is not None)
     return dispatcher
 
 
@@ -232,16 +225,15 @@ def _with_cache(function):
 
 
 def _compile(dispatcher, compile_, kept, arguments):
-    with compiling(dispatcher.__name__, kept), _PRIVATE.operators_kept(dispatcher) if _PRIVATE else nullcontext():
-        return compile_(arguments)
-
-
-def _compile_once(dispatcher, compile_, arguments):
     """Compile for these types, or read what another process is compiling for them now."""
-    if tuple(arguments) in dispatcher.overloads or current:  # within another's compiling a lock could close a circle
-        return compile_(arguments)
-    kind = hashlib.sha256(repr((dispatcher.py_func.__module__, dispatcher.__name__, arguments)).encode())
-    with _alone(os.path.join(CACHE_FOLDER, "compiling", kind.hexdigest()[:32])):
+    with ExitStack() as stack:
+        # Within another's compiling a lock could close a circle.
+        if kept and not current and tuple(arguments) not in dispatcher.overloads:
+            kind = hashlib.sha256(repr((dispatcher.py_func.__module__, dispatcher.__name__, arguments)).encode())
+            stack.enter_context(_alone(os.path.join(CACHE_FOLDER, "compiling", kind.hexdigest()[:32])))
+        stack.enter_context(compiling(dispatcher.__name__, kept))
+        if _PRIVATE:
+            stack.enter_context(_PRIVATE.operators_kept(dispatcher))
         return compile_(arguments)
 
 
@@ -326,17 +318,6 @@ def one_process_at_a_time(folder):
     with open(os.path.join(folder, "saving.lock"), "ab") as file:
         lock(file, wait=True)
         yield
-
-
-def _quiet(function):
-    """Silence NumPy's warnings of infinities and NaN with the JIT off, as compiled code gives none."""
-
-    @functools.wraps(function)
-    def call(*args):
-        with np.errstate(all="ignore"):
-            return function(*args)
-
-    return call
 
 
 def instruction_set() -> str:

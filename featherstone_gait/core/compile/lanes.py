@@ -25,60 +25,38 @@ from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, models, overload, register_model
 
-from .jit import INLINE, INNER
+from .jit import INLINE, INNER, inline
 
 WIDTH = 8
 
 
-class _LanesType(types.Type):
-    """The Numba type of eight float64; a plain number converts to it by being repeated."""
+class _EightType(types.Type):
+    """The Numba type of eight values; a plain one, of the types `plain`, converts to it by being repeated."""
 
     bitwidth = 64 * WIDTH
 
-    def __init__(self):
-        super().__init__(name="Lanes8")
+    def __init__(self, name, *plain):
+        self.plain = plain
+        super().__init__(name=name)
 
     def can_convert_from(self, typingctx, other):
-        if isinstance(other, types.Float | types.Integer) and not isinstance(other, types.Boolean):
-            return Conversion.promote
-        return None
+        return Conversion.promote if isinstance(other, self.plain) else None
 
     def unify(self, typingctx, other):
-        if self.can_convert_from(typingctx, other) is not None:
-            return self
-        return None
+        return self if isinstance(other, self.plain) else None
 
 
-class _MaskType(types.Type):
-    """The Numba type of eight truth values; a plain truth value converts to it by being repeated."""
-
-    def __init__(self):
-        super().__init__(name="Mask8")
-
-    def can_convert_from(self, typingctx, other):
-        return Conversion.promote if isinstance(other, types.Boolean) else None
-
-    def unify(self, typingctx, other):
-        return self if self.can_convert_from(typingctx, other) is not None else None
-
-
-Lanes = _LanesType()
-Mask = _MaskType()
+Lanes = _EightType("Lanes8", types.Float, types.Integer)
+Mask = _EightType("Mask8", types.Boolean)
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 _INTEGERS = ir.VectorType(ir.IntType(64), WIDTH)
 
 
-@register_model(_LanesType)
-class _LanesModel(models.PrimitiveModel):
+@register_model(_EightType)
+class _EightModel(models.PrimitiveModel):
     def __init__(self, dmm, fe_type):
-        super().__init__(dmm, fe_type, _VECTOR)
-
-
-@register_model(_MaskType)
-class _MaskModel(models.PrimitiveModel):
-    def __init__(self, dmm, fe_type):
-        super().__init__(dmm, fe_type, _BITS)
+        super().__init__(dmm, fe_type, _VECTOR if fe_type == Lanes else _BITS)
 
 
 def _splat(builder, scalar, vector=_VECTOR):
@@ -88,13 +66,13 @@ def _splat(builder, scalar, vector=_VECTOR):
     return builder.shuffle_vector(one, undefined, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH))
 
 
-@lower_cast(types.Float, _LanesType)
-@lower_cast(types.Integer, _LanesType)
+@lower_cast(types.Float, Lanes)
+@lower_cast(types.Integer, Lanes)
 def _cast_number(context, builder, fromty, toty, value):
     return _splat(builder, context.cast(builder, value, fromty, types.float64))
 
 
-@lower_cast(types.Boolean, _MaskType)
+@lower_cast(types.Boolean, Mask)
 def _cast_truth(context, builder, fromty, toty, value):
     return _splat(builder, builder.trunc(value, ir.IntType(1)) if value.type.width > 1 else value, _BITS)
 
@@ -121,38 +99,26 @@ def _unary(op, build, operand=Lanes):
 
 
 def _llvm(name):
-    """Return a builder of calls of the LLVM intrinsic `name` on a vector."""
+    """Return a builder of calls of the LLVM intrinsic `name` on a vector or a number."""
 
     def build(builder, value):
-        function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(_VECTOR, [_VECTOR]), f"llvm.{name}.v{WIDTH}f64"
-        )
+        kind, whole = value.type, f"llvm.{name}.{'v8f64' if value.type == _VECTOR else 'f64'}"
+        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), whole)
         return builder.call(function, [value])
 
     return build
 
 
-for _op, _in_place, _name in (
-    (operator.add, operator.iadd, "fadd"),
-    (operator.sub, operator.isub, "fsub"),
-    (operator.mul, operator.imul, "fmul"),
-    (operator.truediv, operator.itruediv, "fdiv"),
-):
-    for _o in (_op, _in_place):
-        _binary(_o, lambda builder, a, b, name=_name: getattr(builder, name)(a, b))
-for _op, _sign in (
-    (operator.lt, "<"),
-    (operator.le, "<="),
-    (operator.gt, ">"),
-    (operator.ge, ">="),
-    (operator.eq, "=="),
-):
-    _binary(_op, lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b), result=Mask)
+for _name, _made in {"add": "fadd", "sub": "fsub", "mul": "fmul", "truediv": "fdiv"}.items():
+    for _op in (getattr(operator, _name), getattr(operator, f"i{_name}")):
+        _binary(_op, getattr(ir.IRBuilder, _made))
+for _name, _sign in {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "=="}.items():
+    _binary(getattr(operator, _name), lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b), result=Mask)
 _binary(operator.ne, lambda builder, a, b: builder.fcmp_unordered("!=", a, b), result=Mask)
-_binary(operator.and_, lambda builder, a, b: builder.and_(a, b), result=Mask, operand=Mask)
-_binary(operator.or_, lambda builder, a, b: builder.or_(a, b), result=Mask, operand=Mask)
-_unary(operator.neg, lambda builder, a: builder.fneg(a))
-_unary(operator.invert, lambda builder, a: builder.not_(a), operand=Mask)
+_binary(operator.and_, ir.IRBuilder.and_, result=Mask, operand=Mask)
+_binary(operator.or_, ir.IRBuilder.or_, result=Mask, operand=Mask)
+_unary(operator.neg, ir.IRBuilder.fneg)
+_unary(operator.invert, ir.IRBuilder.not_, operand=Mask)
 _unary(abs, _llvm("fabs"))
 
 
@@ -178,24 +144,16 @@ def _select(mask, a, b):
     return lambda mask, a, b: a if mask else b
 
 
+@inline
 def clamp(x, lower, upper):
     """Return x limited to `lower` ... `upper`; NaN stays."""
     return select(x < lower, lower, select(x > upper, upper, x))
 
 
-@overload(clamp, jit_options=INLINE)
-def _clamp(x, lower, upper):
-    return lambda x, lower, upper: select(x < lower, lower, select(x > upper, upper, x))
-
-
+@inline
 def sign_beyond(x, limit):
     """Return 1 where x > limit, -1 where x < -limit, else 0."""
     return select(x > limit, 1.0 + 0.0 * x, select(x < -limit, -1.0 + 0.0 * x, 0.0 * x))
-
-
-@overload(sign_beyond, jit_options=INLINE)
-def _sign_beyond(x, limit):
-    return sign_beyond
 
 
 def any_lane(mask):
@@ -238,18 +196,10 @@ def sqrt(x):
 
 @intrinsic
 def _sqrt(typingctx, x):
-    def codegen(context, builder, sig, args):
-        vector = args[0].type
-        name = f"llvm.sqrt.v{WIDTH}f64" if vector == _VECTOR else "llvm.sqrt.f64"
-        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(vector, [vector]), name)
-        return builder.call(function, [args[0]])
-
-    return signature(x, x), codegen
+    return signature(x, x), lambda context, builder, sig, args: _llvm("sqrt")(builder, args[0])
 
 
-@overload(sqrt, jit_options=INLINE)
-def _overload_sqrt(x):
-    return lambda x: _sqrt(x)
+overload(sqrt, jit_options=INLINE)(lambda x: lambda x: _sqrt(x))
 
 
 def gather(table, index):
@@ -290,24 +240,24 @@ def power_of_two(n):
     return np.ldexp(1.0, np.asanyarray(n).astype(np.int64))[()]
 
 
+def _exponent_parts(kind):
+    """Return bias and place of the exponent in a float64, as constants of int64 as wide as the LLVM type `kind`."""
+    if kind == _VECTOR:
+        return ir.Constant(_INTEGERS, [1023] * WIDTH), ir.Constant(_INTEGERS, [52] * WIDTH)
+    return ir.Constant(ir.IntType(64), 1023), ir.Constant(ir.IntType(64), 52)
+
+
 @intrinsic
 def _power_of_two(typingctx, n):
     def codegen(context, builder, sig, args):
-        vector = args[0].type
-        integers = _INTEGERS if vector == _VECTOR else ir.IntType(64)
-
-        def constant(value):
-            return ir.Constant(integers, [value] * WIDTH if vector == _VECTOR else value)
-
-        exponent = builder.add(builder.fptosi(args[0], integers), constant(1023))
-        return builder.bitcast(builder.shl(exponent, constant(52)), vector)
+        bias, place = _exponent_parts(args[0].type)
+        exponent = builder.add(builder.fptosi(args[0], bias.type), bias)
+        return builder.bitcast(builder.shl(exponent, place), args[0].type)
 
     return signature(n, n), codegen
 
 
-@overload(power_of_two, jit_options=INLINE)
-def _overload_power_of_two(n):
-    return lambda n: _power_of_two(n)
+overload(power_of_two, jit_options=INLINE)(lambda n: lambda n: _power_of_two(n))
 
 
 def exponent(x):
@@ -318,21 +268,14 @@ def exponent(x):
 @intrinsic
 def _exponent(typingctx, x):
     def codegen(context, builder, sig, args):
-        vector = args[0].type == _VECTOR
-        integers = _INTEGERS if vector else ir.IntType(64)
-
-        def constant(value):
-            return ir.Constant(integers, [value] * WIDTH if vector else value)
-
-        bits = builder.lshr(builder.bitcast(args[0], integers), constant(52))
-        return builder.sitofp(builder.sub(bits, constant(1023)), args[0].type)
+        bias, place = _exponent_parts(args[0].type)
+        bits = builder.lshr(builder.bitcast(args[0], bias.type), place)
+        return builder.sitofp(builder.sub(bits, bias), args[0].type)
 
     return signature(x, x), codegen
 
 
-@overload(exponent, jit_options=INLINE)
-def _overload_exponent(x):
-    return lambda x: _exponent(x)
+overload(exponent, jit_options=INLINE)(lambda x: lambda x: _exponent(x))
 
 
 class LaneValue(np.ndarray):

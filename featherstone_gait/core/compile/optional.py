@@ -1,4 +1,4 @@
-"""What may be absent: None gives None, decided when a kernel is compiled.
+"""Optional parts: None gives None, decided when a kernel is compiled.
 
 Numba leaves out what an argument that is None makes unreachable, but not what an attribute that is None does.  Hence
 kernels hand optional parts to functions as arguments of their own.  Of `if array is None: return None` and
@@ -56,9 +56,9 @@ def slice_if(present, array, start, count):
 
 
 @if_present()
-def only_if(present, array):
-    """Return the array, None if `present` is None."""
-    return array
+def only_if(present, x):
+    """Return x, None if `present` is None."""
+    return x
 
 
 @inline
@@ -99,9 +99,7 @@ def _in_lanes(x):
     if isinstance(x, types.BaseNamedTuple | StructureType):
         kind = x.instance_class
         shared = getattr(kind, "SHARED", ())
-        fields = ", ".join(
-            _field(name, name in shared, field) for name, field in zip(x.fields, x.types, strict=True)
-        )
+        fields = ", ".join(_field(name, name in shared, field) for name, field in zip(x.fields, x.types, strict=True))
         scope = {"kind": kind, "in_lanes": in_lanes, "varying_in_lanes": varying_in_lanes}
         exec(f"def view(x): return kind({fields})", scope)  # Numba loops over no fields of different types
         return scope["view"]

@@ -1,4 +1,7 @@
-"""Calls of functions that are compiled for themselves, by their address: what calls them need not be compiled anew."""
+"""Calls of functions that are compiled for themselves, by their address, and reads of what another thread writes.
+
+What calls a function by its address need not be compiled anew for it.
+"""
 
 import llvmlite.ir as ir
 from numba import types
@@ -34,3 +37,20 @@ def _call(typingctx, function, x, arrays):
 @overload(call_outside, jit_options=INNER)
 def _overload_call(function, x, arrays):
     return lambda function, x, arrays: _call(function, x, arrays)
+
+
+def read_now(flag):
+    """Read flag[0], int64, from memory now; an ordinary read may be moved out of a loop that does not write it."""
+    return flag[0]
+
+
+@intrinsic
+def _read(typingctx, flag):
+    def codegen(context, builder, signature, args):
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        return builder.load_atomic(data, "monotonic", 8)
+
+    return types.int64(flag), codegen
+
+
+overload(read_now, jit_options=INNER)(lambda flag: lambda flag: _read(flag))

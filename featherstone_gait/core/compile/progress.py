@@ -1,4 +1,4 @@
-"""What a terminal or a notebook shows while kernels are compiled, which takes seconds: which, and how many."""
+"""Progress line in a terminal or a notebook while kernels are compiled, which takes seconds."""
 
 import gc
 import sys
@@ -11,7 +11,7 @@ NOTEBOOK = "ipykernel"  # whose streams are no terminals and show a line that is
 
 
 class Progress:
-    """Of one entry and what it calls; its line fits 80 columns."""
+    """Progress of compiling one entry and what it calls; the line fits 80 columns."""
 
     def __init__(self, name, kept):
         self.text = f"compiling {name}" + (" (once, then kept)" if kept else "")
@@ -20,21 +20,19 @@ class Progress:
     def one_more(self):
         """Count a function."""
         self.count += 1
-        now = time.monotonic()
-        if now - self.begun > PATIENCE and now - self.shown > OFTEN and _watched(sys.stderr):
+        now, stream = time.monotonic(), sys.stderr
+        if now - self.begun <= PATIENCE or now - self.shown <= OFTEN or stream is None:
+            return
+        if stream.isatty() or NOTEBOOK in type(stream).__module__:
             self.shown = now
             line = f"{self.text}: {self.count} functions, {now - self.begun:.0f} s"
-            sys.stderr.write(f"\r{line[:79]:79}")
-            sys.stderr.flush()
+            stream.write(f"\r{line[:79]:79}")
+            stream.flush()
 
     def end(self):
         """Leave the line as it is."""
         if self.shown:
             sys.stderr.write("\n")
-
-
-def _watched(stream):
-    return stream is not None and (stream.isatty() or NOTEBOOK in type(stream).__module__)
 
 
 current = []  # what is being compiled, innermost last

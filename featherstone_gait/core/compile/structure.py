@@ -14,6 +14,7 @@ import hashlib
 from typing import TypeVar
 
 import llvmlite.ir as ir
+import numpy as np
 from numba import types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
@@ -31,8 +32,13 @@ class _Structure(type):
 def structure(cls: type[T]) -> type[T]:
     """Make a NamedTuple class one whose values kernels pass by address."""
     made = _Structure(cls.__name__, cls.__bases__, dict(cls.__dict__))
-    typeof_impl.register(made)(_typeof)
+    typeof_impl.register(made)(lambda x, context: StructureType(made, [typeof_impl(field, context) for field in x]))
     return made
+
+
+def record(**fields) -> np.dtype:
+    """Return the dtype of records of these fields: `float`, `int`, or one of these and a number of them."""
+    return np.dtype(list(fields.items()), align=True)
 
 
 class StructureType(types.Type):
@@ -76,15 +82,7 @@ class _StructureClass(types.Callable, types.Opaque):
         return self.instance_class
 
 
-def _typeof(value, context):
-    return StructureType(type(value), [typeof_impl(field, context) for field in value])
-
-
-@typeof_impl.register(_Structure)
-def _typeof_class(value, context):
-    return _StructureClass(value)
-
-
+typeof_impl.register(_Structure)(lambda value, context: _StructureClass(value))
 register_model(_StructureClass)(models.OpaqueModel)
 
 
@@ -102,29 +100,19 @@ class _StructureModel(models.DataModel):
     def get_value_type(self):
         return ir.PointerType(self.body)
 
-    def get_return_type(self):
-        return self.body
-
     def get_data_type(self):
         return self.body
 
     def as_argument(self, builder, value):
         return value
 
-    def from_argument(self, builder, value):
-        return value
-
-    def as_return(self, builder, value):
-        return builder.load(value)
-
-    def from_return(self, builder, value):
-        return cgutils.alloca_once_value(builder, value)
-
     def as_data(self, builder, value):
         return builder.load(value)
 
     def from_data(self, builder, value):
         return cgutils.alloca_once_value(builder, value)
+
+    get_return_type, from_argument, as_return, from_return = get_data_type, as_argument, as_data, from_data
 
     def load_from_data_pointer(self, builder, ptr, align=None):
         return ptr

@@ -6,10 +6,10 @@ system.  Of its torque T on the joint and F on the rotor a step needs, besides t
     c = -dT/dv without the coupling,   cg = dT/dw = -dT/dv = coupling of both,   cr = -dF/dw without the coupling.
 
 Each kind is a NamedTuple of arrays of records, one record a joint; its class names in `PARTS` which parts of the state
-it has (see step/state.py).  A scene without actuator has None, for which the functions here are implemented below.
+it has (see step/state.py).  A scene without actuator has None, for which the functions are implemented here.
 """
 
-from ..compile.by_type import NoneType, by_type
+from ..compile.by_type import NoneType, by_type, overridable
 from ..compile.jit import inline
 
 
@@ -29,32 +29,45 @@ def actuator_rates(actuator, step, dy, i, v):
     """
 
 
-@by_type
+@overridable
 def move_actuator(actuator, step, i, v, w):
-    """Move the actuator's own state to the end of the step, whose speeds were v and w, with its energies."""
+    """Move the actuator's own state to the end of the step, whose speeds were v and w, with its energies.
+
+    An actuator without a state of its own need not implement it.
+    """
 
 
-@by_type
+@overridable
 def actuator_branch(actuator, step, i, v, w):
     """Return a number for each way in which limits and teeth act at the speeds v and w, and 0 where none does.
 
     An actuator whose torque is smooth need not implement it.
     """
+    return 0.0 * v
 
 
-@by_type
+@overridable
 def rotor_of(actuator):
     """Return records of the rotors with a field `inertia` [kg m^2]; None for most kinds, which have none."""
+    return None
 
 
-@by_type
+@overridable
 def motor_of(actuator):
     """Return the MOTOR records (the field `motor`), None where there are none."""
+    return actuator.motor
 
 
-@by_type
+@overridable
 def controller_of(actuator):
     """Return the CONTROLLER records of what is sampled (the field `controller`), None where nothing is."""
+    return actuator.controller
+
+
+actuator_force.of(NoneType)(lambda actuator, step, i, v, w, T, c: (T, 0.0, c, 0.0, 0.0))
+actuator_rates.of(NoneType)(lambda actuator, step, dy, i, v: 0.0 * v)
+motor_of.of(NoneType)(lambda actuator: None)
+controller_of.of(NoneType)(lambda actuator: None)
 
 
 @inline
@@ -63,40 +76,3 @@ def motor_speed(rotor, offsets, y, i):
     if rotor is None:
         return y[offsets.qd + i]
     return y[offsets.rotor_speed + i]
-
-
-@actuator_force.of(NoneType)
-def _no_force(actuator, step, i, v, w, T, c):
-    return T, 0.0, c, 0.0, 0.0
-
-
-@actuator_rates.of(NoneType)
-def _no_rates(actuator, step, dy, i, v):
-    return 0.0 * v
-
-
-@move_actuator.of(NoneType)
-def _nothing_moves(actuator, step, i, v, w):
-    pass
-
-
-@actuator_branch.otherwise
-def _no_branch(actuator, step, i, v, w):
-    return 0.0 * v
-
-
-@rotor_of.otherwise
-@motor_of.of(NoneType)
-@controller_of.of(NoneType)
-def _none(actuator):
-    return None
-
-
-@motor_of.otherwise
-def _motor(actuator):
-    return actuator.motor
-
-
-@controller_of.otherwise
-def _controller(actuator):
-    return actuator.controller

@@ -20,29 +20,26 @@ import numpy as np
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select, sqrt
 from ..compile.optional import slice_if
-from ..compile.structure import structure
+from ..compile.structure import record, structure
 from ..tree.layout import SF, SH, SJ, SM, TOUCH, U
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import add, cross, dot, load3, scale, store3, sub, vector
 from .ground import AXES, axes_at, deepest, fixed_axes, height_over
 
-POINT = np.dtype(
-    [
-        ("body", np.int64),  # row of the body; points of a body stand together
-        ("position", np.float64, (3,)),  # in the body's frame [m]
-        ("stiffness", np.float64),  # normal [N/m]
-        ("damping", np.float64),  # Hunt and Crossley's d [s/m]
-        ("friction", np.float64),  # coefficient
-        ("tangential_stiffness", np.float64),  # [N/m]
-        ("tangential_damping", np.float64),  # [N s/m]
-    ],
-    align=True,
+POINT = record(
+    body=int,  # row of the body; points of a body stand together
+    position=(float, 3),  # in the body's frame [m]
+    stiffness=float,  # normal [N/m]
+    damping=float,  # Hunt and Crossley's d [s/m]
+    friction=float,  # coefficient
+    tangential_stiffness=float,  # [N/m]
+    tangential_damping=float,  # [N s/m]
 )
 
 
 @structure
 class Contact(NamedTuple):
-    """What can touch what."""
+    """Contact points, the ground, and the shapes about the points."""
 
     points: np.ndarray  # (points,) POINT
     ground: tuple  # one of the kinds in ground.py
@@ -79,8 +76,8 @@ def above_ground(contact, x):
 def place_points(contact, step, base_q, lookahead_time):
     """Fill position, penetration and predicted velocity of every point.
 
-    Base and W lie `ahead` of the step's start [s]: what the points have traveled since is taken back from the
-    penetration, along the normal where they are now.
+    Base and W are those of a time [s] after the step's start: the way of the points since then is taken back from
+    the penetration, along the normal where they are now.
     """
     W, C = step.W, step.C
     plane = fixed_axes(contact.ground)
@@ -89,7 +86,7 @@ def place_points(contact, step, base_q, lookahead_time):
         i = point.body
         center = point_position(i, vector(point.position), W)
         x, depth = deepest(contact.ground, contact.contact_geometry, plane, c, i, center, base_q, W, C)
-        n, t, second = axes_at(contact.ground, plane, c, C)
+        n, t, second = axes_at(plane, c, C)
         v = center_velocity(i, x, W)
         store3(C, c, XP, x)
         u = (dot(n, v), dot(t, v), dot(second, v))
@@ -148,38 +145,22 @@ def point_force(contact, step, c, u):
     return (fn, f[0], f[1])
 
 
-@inline
-def bristle_rate(p, z, u, f, slips):
-    """Return dz/dt [m/s]: u of a point that sticks, else what keeps -kt z - dt dz/dt at the force."""
-    kt, dt = p.tangential_stiffness, p.tangential_damping
-    r1 = select(slips, -(f[0] + kt * z[0]) / dt, u[1])
-    r2 = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
-    return r1, r2
-
-
 # ---------------------------------------------------------------------------------------------- in the implicit step
 
 
-@inline
-def place_contacts(contact, step, lookahead_time):
-    """Fill where the points are, W lying `ahead` of the step's start [s], and how much friction they bear."""
-    if contact is not None:
-        place_points(contact, step, _predicted_base(step.predicted, step), lookahead_time)
-        friction_limits(contact, step)
-
-
-@inline
-def _predicted_base(predicted, step):
-    """Return the base's position to which W belongs."""
-    if predicted is None:
-        return slice_if(step.scene.floating, step.y, step.offsets.base_q, 7)
-    return slice_if(step.scene.floating, predicted, 2 * (len(step.scene.tree) - 1), 7)
-
-
 @kernel
-def friction_limits(contact, step):
-    """Fill the friction limits [N]: mu times the last normal force, at touch-down that at the predicted velocity."""
-    C = step.C
+def place_contacts(contact, predicted, step):
+    """Fill where the points are at the predicted state, to which W belongs, and the friction limits [N].
+
+    These are mu times the last normal force, at touch-down that at the predicted velocity.
+    """
+    if contact is None:
+        return
+    C, base_q, lookahead_time = step.C, slice_if(step.scene.floating, step.y, step.offsets.base_q, 7), 0.0
+    if predicted is not None:
+        base_q = slice_if(step.scene.floating, predicted, 2 * (len(step.scene.tree) - 1), 7)
+        lookahead_time = step.h_implicit
+    place_points(contact, step, base_q, lookahead_time)
     for c in range(len(contact.points)):
         p = contact.points[c]
         first, _ = normal_force(p, C[c, DEPTH], C[c, U0], step.h_implicit)
@@ -216,7 +197,7 @@ def fold_contacts(contact, step, h):
                 W[k, j] = 0.0
         on = (C[c, FK] > 0.0) | (C[c, CN] > 0.0) | (C[c, LIMIT] > 0.0)
         if any_lane(on):
-            _fold(c, k, on, axes_at(contact.ground, plane, c, C), h, W, C)
+            _fold(c, k, on, axes_at(plane, c, C), h, W, C)
 
 
 @inline
@@ -269,7 +250,7 @@ def solved_contacts(contact, step):
     plane = fixed_axes(contact.ground)
     for c in range(len(contact.points)):
         i = contact.points[c].body
-        n, t, second = axes_at(contact.ground, plane, c, C)
+        n, t, second = axes_at(plane, c, C)
         p = load3(C, c, XP)
         a = add(load3(W, i, U + 3), cross(load3(W, i, U), p))
         u = add(load3(C, c, U0), (h * dot(n, a), h * dot(t, a), h * dot(second, a)))
@@ -380,9 +361,9 @@ def _rates(p, step, dy, c):
     limit = p.friction * fn
     z = _bristle(step, c)
     f, _, slips = friction_force(p, z, u, limit, 0.0)
-    r1, r2 = bristle_rate(p, z, u, f, slips)
-    dy[offsets.tangential_deflection + 2 * c] = r1
-    dy[offsets.tangential_deflection + 2 * c + 1] = r2
+    kt, dt, bristle = p.tangential_stiffness, p.tangential_damping, offsets.tangential_deflection + 2 * c
+    dy[bristle] = select(slips, -(f[0] + kt * z[0]) / dt, u[1])  # what slips keeps -kt z - dt dz/dt at the force
+    dy[bristle + 1] = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
     dy[offsets.contact_work] += fn * u[0] + f[0] * u[1] + f[1] * u[2]
     store3(C, c, FK, (fn, f[0], f[1]))
     for k in range(4):

@@ -10,32 +10,28 @@ with e = ref - angle.  The two PID laws stop integrating while the voltage is at
 is in `firmware.py`, and what a source makes of the voltages in `supply.py`.
 """
 
-import numpy as np
-
-from ..compile.by_type import by_type
+from ..compile.by_type import overridable
 from ..compile.jit import inline, kernel
 from ..compile.lanes import clamp, select
+from ..compile.structure import record
 from .actuator import controller_of
 from .decay import FILTER_DECAY
-from .firmware import ROUND, apply_oldest, beyond_margin, goal_and_rate, in_counts, issue, largest, with_punch
+from .firmware import ROUND, beyond_margin, goal_and_rate, in_counts, issue, largest, with_punch
 from .motor_stage import FILTER, MotorStage
 from .supply import feed
 
 STATE_FEEDBACK = 0
 PID_POSITION = 1
 PID_SPEED = 2
-CONTROLLER = np.dtype(
-    [
-        ("law", np.int64),  # one of these
-        ("Kp", np.float64),  # [V/rad], of PID_SPEED [V s/rad] ...
-        ("Ki", np.float64),
-        ("Kd", np.float64),
-        ("Kf", np.float64),
-        ("voltage_limit", np.float64),  # [V]
-        ("encoder_resolution", np.float64),  # [rad], 0 = exact
-        ("speed_filter", np.float64),  # time constant [s]
-    ],
-    align=True,
+CONTROLLER = record(
+    law=int,  # one of these
+    Kp=float,  # [V/rad], of PID_SPEED [V s/rad] ...
+    Ki=float,
+    Kd=float,
+    Kf=float,
+    voltage_limit=float,  # [V]
+    encoder_resolution=float,  # [rad], 0 = exact
+    speed_filter=float,  # time constant [s]
 )
 
 
@@ -48,13 +44,13 @@ def quantized(angle, resolution):
 
 
 @kernel
-def control_tick(controller, scene, offsets, reference, noise, y, period):
+def control_tick(controller, delay, scene, offsets, reference, noise, y, period):
     """Work out the voltages [V]; reference (n, 2) angle [rad] and rate [rad/s]; period since the last tick [s].
 
     noise (n, 2) is added to the angle that the encoder sees [rad] and to the voltage [V]; None: there is none.
     """
     firmware = scene.firmware
-    apply_delayed(firmware.delay, scene, offsets, y, 0)
+    apply_delayed(delay, scene, offsets, y, 0)
     for i in range(len(controller)):
         c = controller[i]
         angle = quantized(_plus(y[offsets.q + i], noise, i, 0), c.encoder_resolution)
@@ -75,8 +71,9 @@ def control_tick(controller, scene, offsets, reference, noise, y, period):
         y[offsets.integral + i] = integral
         y[offsets.last_error + i] = e
         u = in_counts(firmware.pwm, c, clamp(u, -limit, limit), i)
-        issue(firmware.delay, offsets, y, i, len(controller), _plus(u, noise, i, 1))
-    _feed_at_once(firmware.delay, scene, offsets, y)
+        issue(delay, offsets, y, i, len(controller), _plus(u, noise, i, 1))
+    if delay is None:
+        feed(scene.supply, scene.actuator, offsets, y)
 
 
 @inline
@@ -84,14 +81,12 @@ def apply_delayed(delay, scene, offsets, y, since):
     """Apply what was worked out a delay ago, if it is due `since` steps after a tick."""
     if delay is not None:
         if delay.shift == since:
-            apply_oldest(delay, offsets, y, len(controller_of(scene.actuator)))
+            n = len(controller_of(scene.actuator))
+            for i in range(n):
+                y[offsets.voltage + i] = y[offsets.delayed + i]
+            for i in range((delay.slots - 1) * n):  # the others move up
+                y[offsets.delayed + i] = y[offsets.delayed + n + i]
             feed(scene.supply, scene.actuator, offsets, y)
-
-
-@inline
-def _feed_at_once(delay, scene, offsets, y):
-    if delay is None:
-        feed(scene.supply, scene.actuator, offsets, y)
 
 
 @inline
@@ -111,19 +106,13 @@ def filter_speed(controller, step, i):
         )
 
 
-@by_type
+@overridable
 def filter_left(decay, i):
     """Return the share of a filtered speed's deviation that is left after the step [-]."""
-
-
-@filter_left.of(MotorStage)
-def _left_by_stage(decay, i):
-    return decay.table[i, FILTER]
-
-
-@filter_left.otherwise
-def _left_by_step(decay, i):
     return decay[i, FILTER_DECAY]
+
+
+filter_left.of(MotorStage)(lambda decay, i: decay.table[i, FILTER])
 
 
 @inline

@@ -1,4 +1,4 @@
-"""What a step leaves of what decays by itself: motor currents and filtered speeds.  It depends on the step alone."""
+"""Decay of motor currents and filtered speeds over a step, which depends on the length of the step alone."""
 
 from ..compile.elementary import exp
 from ..compile.jit import entry, inline
@@ -11,7 +11,6 @@ FILTER_DECAY = 2  # exp(-h / time constant), 0 without a filter: what is left of
 DECAYS = 3
 
 
-@inline
 def set_decay(motor, controller, h, decay):
     """Fill decay (n, DECAYS) for the step h [s]."""
     for i in range(len(motor)):
@@ -25,7 +24,4 @@ def set_decay(motor, controller, h, decay):
             decay[i, FILTER_DECAY] = exp(-h / controller[i].speed_filter)
 
 
-@entry
-def fill_decay(motor, controller, h, decay):
-    """Fill decay as `set_decay` does, from Python."""
-    set_decay(motor, controller, h, decay)
+fill_decay, set_decay = entry(set_decay), inline(set_decay)  # from Python, from kernels

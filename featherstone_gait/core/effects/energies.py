@@ -1,4 +1,4 @@
-"""Where the energy of a joint goes: columns of the state's part `energy`, integrals since the start [J].
+"""Energies of a joint: columns of the state's part `energy`, integrals since the start [J].
 
 What goes in is the supply, what comes out the work on the joint.
 """

@@ -1,4 +1,4 @@
-"""What the firmware of a servo adds to its controller's law: dead band and punch, duty cycle, profile speed, delay.
+"""Firmware of a servo, besides its controller's law: dead band and punch, duty cycle, profile speed, delay.
 
 The law is a voltage u at the nominal supply, `voltage_limit`; the duty cycle is d = u / voltage_limit.
 
@@ -18,28 +18,22 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select, sign_beyond
-from ..compile.structure import structure
+from ..compile.structure import record, structure
 
-BAND = np.dtype(
-    [
-        ("compliance_margin", np.float64),  # [rad], of PID_SPEED [rad/s]
-        ("punch", np.float64),  # [V]
-    ],
-    align=True,
+BAND = record(
+    compliance_margin=float,  # [rad], of PID_SPEED [rad/s]
+    punch=float,  # [V]
 )
-PWM = np.dtype(
-    [
-        ("pwm_steps", np.float64),  # counts of a full duty cycle, 0: continuous
-        ("duty_limit", np.float64),  # largest duty cycle, a whole number of counts
-    ],
-    align=True,
+PWM = record(
+    pwm_steps=float,  # counts of a full duty cycle, 0: continuous
+    duty_limit=float,  # largest duty cycle, a whole number of counts
 )
 ROUND = 6755399441055744.0  # 1.5 * 2**52: adding and subtracting it rounds to an integer
 
 
 @structure
 class Delay(NamedTuple):
-    """How long voltages wait, one time for all servos."""
+    """Time that voltages wait, the same for all servos."""
 
     slots: int  # voltages of each servo that wait at most
     shift: int  # steps after a tick at which the oldest is applied, 0: at the tick
@@ -47,7 +41,7 @@ class Delay(NamedTuple):
 
 @structure
 class Firmware(NamedTuple):
-    """Of the servos of a scene, one row a joint."""
+    """The firmware of a scene's servos, one row a joint."""
 
     band: np.ndarray | None = None  # (n,) BAND
     pwm: np.ndarray | None = None  # (n,) PWM
@@ -109,12 +103,3 @@ def issue(delay, offsets, y, i, n, u):
         y[offsets.voltage + i] = u
     else:
         y[offsets.delayed + (delay.slots - 1) * n + i] = u
-
-
-@inline
-def apply_oldest(delay, offsets, y, n):
-    """Apply the voltages that have waited longest, and move the others up."""
-    for i in range(n):
-        y[offsets.voltage + i] = y[offsets.delayed + i]
-    for i in range((delay.slots - 1) * n):
-        y[offsets.delayed + i] = y[offsets.delayed + n + i]

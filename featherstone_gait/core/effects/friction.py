@@ -11,21 +11,17 @@ to and fro for ever.  So half of the budget opposes that speed and half the one 
 ever drives: against the motion in the middle it acts in full, with it never.  A law as wide as `SOFT` needs neither.
 """
 
-import numpy as np
-
-from ..compile.by_type import by_type
+from ..compile.by_type import overridable
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select, sign_beyond
+from ..compile.structure import record
 from .energies import ENERGIES
 from .energies import FRICTION as LOSS
 
-FRICTION = np.dtype(
-    [
-        ("viscous_friction", np.float64),  # [N m s/rad]
-        ("coulomb_friction", np.float64),  # [N m]
-        ("steepness", np.float64),  # of the dry part about rest, 1 / its width [s/rad or s/m]
-    ],
-    align=True,
+FRICTION = record(
+    viscous_friction=float,  # [N m s/rad]
+    coulomb_friction=float,  # [N m]
+    steepness=float,  # of the dry part about rest, 1 / its width [s/rad or s/m]
 )
 
 STUCK = 1e-12  # [rad/s or m/s]
@@ -36,21 +32,18 @@ DRY = "Coulomb friction"
 
 
 @inline
-def direction(f, step, i, v):
-    """Return the share of the budget that opposes the speed v, from -1 to 1, and its slope [s/rad]; f a record."""
-    return _direction(step.extrapolation_ratio, f, step, i, v)
+def direction(extrapolation_ratio, f, step, i, v):
+    """Return the share of the budget that opposes the speed v, from -1 to 1, and its slope [s/rad].
 
-
-@inline
-def _direction(extrapolation_ratio, f, step, i, v):
+    extrapolation_ratio: of the step; f a record.
+    """
     x, slope = _side(f, v)
     if extrapolation_ratio is None:
         return x, slope
     end, slope_end = _side(f, v + extrapolation_ratio * (v - step.y[step.offsets.qd + i]))
     steep = f.steepness > STEEP
-    return select(steep, 0.5 * (x + end), x), select(
-        steep, 0.5 * (slope + (1.0 + extrapolation_ratio) * slope_end), slope
-    )
+    both = 0.5 * (slope + (1.0 + extrapolation_ratio) * slope_end)
+    return select(steep, 0.5 * (x + end), x), select(steep, both, slope)
 
 
 @inline
@@ -60,40 +53,28 @@ def _side(f, v):
     return clamp(x, -one, one), select(abs(x) < 1.0, f.steepness + 0.0 * v, 0.0 * v)
 
 
-@by_type
+@overridable
 def friction_torque(friction, step, i, speed):
     """Return the torque at the speed that the step solves for [N m] and its slope -dT/d speed."""
-
-
-@friction_torque.otherwise
-def _viscous_and_dry(friction, step, i, speed):
     if friction is None:
         return 0.0, 0.0
     f = friction[i]
-    x, slope = direction(f, step, i, speed)
+    x, slope = direction(step.extrapolation_ratio, f, step, i, speed)
     return -(f.viscous_friction * speed + f.coulomb_friction * x), f.viscous_friction + f.coulomb_friction * slope
 
 
-@by_type
-def friction_branch(friction, i, speed):
+@overridable
+def friction_branch(friction, step, i, speed, rotor_speed):
     """Return the way in which dry friction acts in full: 1, -1, or 0 where it sticks."""
-
-
-@friction_branch.otherwise
-def _side_of_rest(friction, i, speed):
     if friction is None:
         return 0.0
     f = friction[i]
     return select(f.coulomb_friction > 0.0, sign_beyond(f.steepness * speed, 1.0), 0.0 * speed)
 
 
-@by_type
+@overridable
 def stops_at_once(friction):
     """Return whether the dry friction of a joint is steep."""
-
-
-@stops_at_once.otherwise
-def _any_steep(friction):
     if friction is None:
         return False
     for i in range(len(friction)):
@@ -102,33 +83,23 @@ def _any_steep(friction):
     return False
 
 
-@by_type
+@overridable
 def snap_to_rest(friction, step, i, v, here, there):
     """Return v between `here` and `there`, the ends of a Newton pass, or the speed of rest if v is close to it."""
-
-
-@snap_to_rest.otherwise
-def _snap(friction, step, i, v, here, there):
     if friction is None:
         return v
-    f = friction[i]
-    return select((f.coulomb_friction > 0.0) & (f.steepness > STEEP), snapped(step, i, v, here, there), v)
+    f, rest = friction[i], snapped(step.extrapolation_ratio, step, i, v, here, there)
+    return select((f.coulomb_friction > 0.0) & (f.steepness > STEEP), rest, v)
 
 
 @inline
-def snapped(step, i, v, here, there):
+def snapped(extrapolation_ratio, step, i, v, here, there):
     """Return v or the speed of rest: zero in what the step solves for, or of the midpoint rule at its end."""
     near, zero = SNAP * abs(there - here), 0.0 * v
-    v = _snapped_to_stop(step.extrapolation_ratio, step, i, v, here, there)
+    if extrapolation_ratio is not None:
+        stop = (1.0 - step.theta) * step.y[step.offsets.qd + i]
+        v = select((abs(v - stop) < near) & ((here - stop) * (there - stop) < 0.0), stop + zero, v)
     return select((abs(v) < near) & (here * there < 0.0), zero, v)
-
-
-@inline
-def _snapped_to_stop(extrapolation_ratio, step, i, v, here, there):
-    if extrapolation_ratio is None:
-        return v
-    near, stop = SNAP * abs(there - here), (1.0 - step.theta) * step.y[step.offsets.qd + i]
-    return select((abs(v - stop) < near) & ((here - stop) * (there - stop) < 0.0), stop + 0.0 * v, v)
 
 
 @inline
@@ -145,17 +116,12 @@ def move_friction(friction, step, i, v):
 def friction_rates(friction, actuator, step, dy, i, v):
     """Set the power that friction takes in dy, to which an actuator, if there is one, may add; the torque [N m]."""
     if friction is None:
-        _no_loss(actuator, step, dy, i, v)
+        if actuator is not None:
+            dy[step.offsets.energy + ENERGIES * i + LOSS] = 0.0 * v
         return 0.0
     T, _ = friction_torque(friction, step, i, v)
     dy[step.offsets.energy + ENERGIES * i + LOSS] = -T * v
     return T
-
-
-@inline
-def _no_loss(actuator, step, dy, i, v):
-    if actuator is not None:
-        dy[step.offsets.energy + ENERGIES * i + LOSS] = 0.0 * v
 
 
 def explicit_limits(viscous, dry):

@@ -26,24 +26,21 @@ import numpy as np
 from ..compile.elementary import exp, log
 from ..compile.jit import inline
 from ..compile.lanes import any_lane, clamp, select, sign_beyond
-from ..compile.structure import structure
+from ..compile.structure import record, structure
 from .friction import FRICTION, snap_to_rest, snapped, stops_at_once
 
-GEAR_FRICTION = np.dtype(
-    [
-        ("external_load_friction", np.float64),  # K_e [-]
-        ("motor_load_friction", np.float64),  # K_m [-]
-        ("load_product_friction", np.float64),  # K_p [1/(N m)]
-        ("stribeck_speed", np.float64),  # v_s [rad/s]
-        ("stribeck_exponent", np.float64),  # alpha [-]
-        ("stribeck_friction", np.float64),  # K_cs [N m]
-        ("stribeck_external_load", np.float64),  # K_es [-]
-        ("stribeck_motor_load", np.float64),  # K_ms [-]
-        ("quadratic_external_load", np.float64),  # K_eq [1/(N m)]
-        ("quadratic_motor_load", np.float64),  # K_mq [1/(N m)]
-        *((name, np.float64) for name in FRICTION.names or ()),  # coulomb_friction: K_c
-    ],
-    align=True,
+GEAR_FRICTION = record(
+    external_load_friction=float,  # K_e [-]
+    motor_load_friction=float,  # K_m [-]
+    load_product_friction=float,  # K_p [1/(N m)]
+    stribeck_speed=float,  # v_s [rad/s]
+    stribeck_exponent=float,  # alpha [-]
+    stribeck_friction=float,  # K_cs [N m]
+    stribeck_external_load=float,  # K_es [-]
+    stribeck_motor_load=float,  # K_ms [-]
+    quadratic_external_load=float,  # K_eq [1/(N m)]
+    quadratic_motor_load=float,  # K_mq [1/(N m)]
+    **dict.fromkeys(FRICTION.names or (), float),  # coulomb_friction: K_c
 )
 BLEND = 0.5  # of |t_e| + |t_m|, on either side of their equality: from a third of the other to three times
 PASSES = 4  # a straight piece each, and one for the quadratic terms
@@ -179,11 +176,7 @@ def gear_branch(f, speed, t_m, t_e):
     return key + 27.0 * sign_beyond((square + f.load_product_friction) * (t_e * t_m), 0.0)
 
 
-@stops_at_once.of(GearFriction)
-def _always(friction):
-    return True
-
-
-@snap_to_rest.of(GearFriction)
-def _snap(friction, step, i, v, here, there):
-    return snapped(step, i, v, here, there)
+stops_at_once.of(GearFriction)(lambda friction: True)
+snap_to_rest.of(GearFriction)(
+    lambda friction, step, i, v, here, there: snapped(step.extrapolation_ratio, step, i, v, here, there)
+)

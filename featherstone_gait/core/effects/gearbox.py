@@ -5,22 +5,18 @@ touch beyond it and only push; a plain damper would then jump as they meet, so t
 T = K x (1 + d dx/dt) with x = |e| - gap, which is continuous and never falls with the closing speed.
 """
 
-import numpy as np
-
 from ..compile.jit import inline
 from ..compile.lanes import select, sign_beyond
+from ..compile.structure import record
 
-GEAR = np.dtype(
-    [
-        ("stiffness", np.float64),  # K [N m/rad]
-        ("damping", np.float64),  # B [N m s/rad]
-        ("gap", np.float64),  # half the backlash [rad]
-        ("ratio", np.float64),  # G
-        ("inertia", np.float64),  # of the rotor, G^2 J [kg m^2]
-        ("rotor_damping", np.float64),  # G^2 B_vr [N m s/rad]
-        ("tooth_damping", np.float64),  # Hunt and Crossley's d of teeth that meet across a gap [s/rad]
-    ],
-    align=True,
+GEAR = record(
+    stiffness=float,  # K [N m/rad]
+    damping=float,  # B [N m s/rad]
+    gap=float,  # half the backlash [rad]
+    ratio=float,  # G
+    inertia=float,  # of the rotor, G^2 J [kg m^2]
+    rotor_damping=float,  # G^2 B_vr [N m s/rad]
+    tooth_damping=float,  # Hunt and Crossley's d of teeth that meet across a gap [s/rad]
 )
 
 

@@ -11,38 +11,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.by_type import NoneType, by_type
+from ..compile.by_type import NoneType, by_type, overridable
 from ..compile.jit import entry, inline
 from ..compile.lanes import any_lane, clamp, gather, select, sqrt
-from ..compile.structure import structure
+from ..compile.structure import record, structure
 from ..tree.spatial import add, choose, cross, dot, load3, store3, vector
 from .touch import deepest_point, reach
 
-PLANE = np.dtype(
-    [
-        ("normal", np.float64, (3,)),
-        ("first", np.float64, (3,)),  # tangent, along which the steps lie
-        ("second", np.float64, (3,)),  # tangent
-        ("height", np.float64),  # over the origin along the normal [m]
-    ],
-    align=True,
+PLANE = record(
+    normal=(float, 3),
+    first=(float, 3),  # tangent, along which the steps lie
+    second=(float, 3),  # tangent
+    height=float,  # over the origin along the normal [m]
 )
-RISE = np.dtype(
-    [
-        ("start", np.float64),  # distance along the first tangent at which a step begins [m]
-        ("rise", np.float64),  # [m]
-    ],
-    align=True,
+RISE = record(
+    start=float,  # distance along the first tangent at which a step begins [m]
+    rise=float,  # [m]
 )
-GRID = np.dtype(
-    [
-        ("origin", np.float64, (2,)),  # x and y one cell before the first node [m]
-        ("cells", np.float64, (2,)),  # 1 / spacing [1/m]
-        ("nodes", np.float64, (2,)),  # along x and y
-        ("top", np.float64),  # no height is above it [m]
-        ("margin", np.float64),  # what lies higher above the top is far away [m]
-    ],
-    align=True,
+GRID = record(
+    origin=(float, 2),  # x and y one cell before the first node [m]
+    cells=(float, 2),  # 1 / spacing [1/m]
+    nodes=(float, 2),  # along x and y
+    top=float,  # no height is above it [m]
+    margin=float,  # what lies higher above the top is far away [m]
 )
 BLEND = 0.25  # of a cell, over which its slope goes over into the next one's
 AXES = 27  # 9 columns of the contacts' scratch (see contact.py): normal, first and second tangent of a field
@@ -76,24 +67,15 @@ def _plane_axes(ground):
     return vector(plane.normal), vector(plane.first), vector(plane.second)
 
 
-@fixed_axes.of(Field)
-def _no_axes(ground):
-    return None
+fixed_axes.of(Field)(lambda ground: None)
 
 
-@by_type
-def axes_at(ground, fixed, c, C):
+@inline
+def axes_at(fixed, c, C):
     """Return the axes at the contact c, which `deepest` has placed; fixed: those of `fixed_axes`."""
-
-
-@axes_at.of(Plane)
-def _same_axes(ground, fixed, c, C):
+    if fixed is None:
+        return load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
     return fixed
-
-
-@axes_at.of(Field)
-def _stored_axes(ground, fixed, c, C):
-    return load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
 
 
 @by_type
@@ -134,26 +116,24 @@ def _in_world(base_q, x):
     return x
 
 
-@by_type
+@overridable
 def _on_facet(contact_geometry, ground, c, i, center, base_q, W):
-    """Return the deepest point, its depth along the normal under it, that normal and the first tangent."""
+    """Return the deepest point, its depth along the normal under it, that normal and the first tangent.
 
-
-@_on_facet.of(NoneType)
-def _point_on_facet(contact_geometry, ground, c, i, center, base_q, W):
-    n, t, over = _facet(ground, _in_world(base_q, center))
-    return center, -over * n[2], n, t
-
-
-@_on_facet.otherwise
-def _bulge_on_facet(contact_geometry, ground, c, i, center, base_q, W):
-    """Return the same for the tangent plane under the point that is deepest as seen from the center."""
+    The ground is taken as its tangent plane under the point that is deepest as seen from the center.
+    """
     n, _, _ = _facet(ground, _in_world(base_q, center))
     guess = deepest_point(contact_geometry, c, i, center, n, W)
     n, t, over = _facet(ground, _in_world(base_q, guess))
     x = deepest_point(contact_geometry, c, i, center, n, W)
     away = (x[0] - guess[0], x[1] - guess[1], x[2] - guess[2])
     return x, -(over * n[2] + dot(n, away)), n, t
+
+
+@_on_facet.of(NoneType)
+def _point_on_facet(contact_geometry, ground, c, i, center, base_q, W):
+    n, t, over = _facet(ground, _in_world(base_q, center))
+    return center, -over * n[2], n, t
 
 
 @inline

@@ -35,7 +35,7 @@ class MipsdServo(NamedTuple):
 @actuator_force.of(MipsdServo)
 def _force(actuator, step, i, v, w, T, c):
     g, y, offsets = actuator.gear[i], step.y, step.offsets
-    torque, slope = motor_torque(actuator.motor, step, i, w)
+    torque, slope = motor_torque(step.decay, actuator.motor, step, i, w)
     e = y[offsets.rotor + i] - y[offsets.q + i] + step.h_implicit * (w - v)
     Tg, cg, _ = gear_torque(g, e, w - v, step.h_implicit)
     F = torque - g.rotor_damping * w - Tg
@@ -63,7 +63,7 @@ def _move(actuator, step, i, v, w):
     _, _, loss = gear_torque(g, e, w - v, step.h_implicit)
     y[E + GEAR] += step.h * loss
     y[E + FRICTION] += step.h * (g.rotor_damping * (w * w))
-    move_motor(actuator.motor, step, i, w)
+    move_motor(step.decay, actuator.motor, step, i, w)
     y[offsets.rotor + i] += step.h * w
     y[offsets.rotor_speed + i] += (w - y[offsets.rotor_speed + i]) * (1.0 / step.theta)
 
@@ -72,9 +72,7 @@ def _move(actuator, step, i, v, w):
 def _branch(actuator, step, i, v, w):
     g, y, offsets = actuator.gear[i], step.y, step.offsets
     e = y[offsets.rotor + i] - y[offsets.q + i] + step.h_implicit * (w - v)
-    return motor_branch(actuator.motor, step, i, w) + 5.0 * gear_branch(g, e, w - v)
+    return motor_branch(step.decay, actuator.motor, step, i, w) + 5.0 * gear_branch(g, e, w - v)
 
 
-@rotor_of.of(MipsdServo)
-def _rotor(actuator):
-    return actuator.gear
+rotor_of.of(MipsdServo)(lambda actuator: actuator.gear)

@@ -5,26 +5,22 @@ with the current the torque.  For constant V and omega the current approaches (V
 uses that solution, its end and its mean, exactly, with what `decay.py` says is left of a current after the step.
 """
 
-import numpy as np
-
-from ..compile.by_type import by_type
+from ..compile.by_type import overridable
 from ..compile.jit import inline
 from ..compile.lanes import clamp, invert, select
+from ..compile.structure import record
 from .decay import MEAN, MOTOR_DECAY
 from .energies import COPPER, DRIVER, ENERGIES, METER, SUPPLY
 from .motor_stage import USED, MotorStage, stage_current
 from .supply import move_source, source_rate
 
-MOTOR = np.dtype(
-    [
-        ("torque_constant", np.float64),  # G K [N m/A] = [V s/rad]
-        ("resistance", np.float64),  # R [Ohm]
-        ("inductance", np.float64),  # L [H]
-        ("current_limit", np.float64),  # [A]
-        ("current_slew", np.float64),  # [A/s]
-        ("viscous_friction", np.float64),  # of the servo [N m s/rad], as the update order of SimTwo applies it
-    ],
-    align=True,
+MOTOR = record(
+    torque_constant=float,  # G K [N m/A] = [V s/rad]
+    resistance=float,  # R [Ohm]
+    inductance=float,  # L [H]
+    current_limit=float,  # [A]
+    current_slew=float,  # [A/s]
+    viscous_friction=float,  # of the servo [N m s/rad], as the update order of SimTwo applies it
 )
 
 
@@ -66,60 +62,38 @@ def current_rate(m, current, voltage, speed):
     return I, select(invert(outward) & inductive, rate, 0.0 * rate)
 
 
-@inline
-def motor_torque(motor, step, i, w):
+@overridable
+def motor_torque(decay, motor, step, i, w):
     """Return the mean torque over the step at the motor's speed w [N m] and its slope [N m s/rad]."""
-    m = motor[i]
-    mean, slope = _mean_current(step.decay, m, step, i, w)
+    m, y, offsets = motor[i], step.y, step.offsets
+    _, mean, slope = current_step(m, decay, i, y[offsets.current + i], y[offsets.voltage + i], w, step.h)
     return m.torque_constant * mean, m.torque_constant * slope
 
 
-@by_type
-def _mean_current(decay, m, step, i, w):
-    """Return the current that makes the torque [A], and its slope [A s/rad]."""
-
-
-@_mean_current.of(MotorStage)
-def _stage_mean(decay, m, step, i, w):
+@motor_torque.of(MotorStage)
+def _torque_of_stage(decay, motor, step, i, w):
+    m = motor[i]
     _, mean, slope = stage_current(m, decay, i, step.y[step.offsets.voltage + i], w)
-    return mean, slope
+    return m.torque_constant * mean, m.torque_constant * slope
 
 
-@_mean_current.otherwise
-def _step_mean(decay, m, step, i, w):
-    _, mean, slope = current_step(
-        m, decay, i, step.y[step.offsets.current + i], step.y[step.offsets.voltage + i], w, step.h
-    )
-    return mean, slope
-
-
-@inline
-def motor_branch(motor, step, i, w):
+@overridable
+def motor_branch(decay, motor, step, i, w):
     """Return what limits the current at the speed w: 1 its rate, 2 the current itself, of either sign, or 0."""
-    return _branch(step.decay, motor[i], step, i, w)
-
-
-@by_type
-def _branch(decay, m, step, i, w):
-    pass
-
-
-@_branch.of(MotorStage)
-def _branch_of_stage(decay, m, step, i, w):
-    """Return the same of a stage, in which a limited rate has an exact course."""
-    end, _, _ = stage_current(m, decay, i, step.y[step.offsets.voltage + i], w)
-    if abs(end) < m.current_limit:
-        return 0.0
-    return 2.0 if end > 0.0 else -2.0
-
-
-@_branch.otherwise
-def _branch_of_step(decay, m, step, i, w):
-    I = step.y[step.offsets.current + i]
+    m, I = motor[i], step.y[step.offsets.current + i]
     end, _, slope = current_step(m, decay, i, I, step.y[step.offsets.voltage + i], w, step.h)
     one = 1.0 + 0.0 * end
     size = select(abs(end) < m.current_limit, one, 2.0 * one)
     return select(slope == 0.0, select(end > I, size, -size), 0.0 * end)
+
+
+@motor_branch.of(MotorStage)
+def _branch_of_stage(decay, motor, step, i, w):
+    """Return the same of a stage, in which a limited rate has an exact course."""
+    end, _, _ = stage_current(motor[i], decay, i, step.y[step.offsets.voltage + i], w)
+    if abs(end) < motor[i].current_limit:
+        return 0.0
+    return 2.0 if end > 0.0 else -2.0
 
 
 @inline
@@ -131,33 +105,10 @@ def add_electrical(y, E, supply, copper, driver):
     y[E + DRIVER] += driver
 
 
-@inline
-def move_motor(motor, step, i, w):
+@overridable
+def move_motor(decay, motor, step, i, w):
     """Move the current to the end of the step, with the electrical energies; w the motor's speed."""
-    _move(step.decay, motor[i], step, i, w)
-
-
-@by_type
-def _move(decay, m, step, i, w):
-    pass
-
-
-@_move.of(MotorStage)
-def _move_stage(decay, m, step, i, w):
-    """Do the same for a stage, without the magnetic energy, which the integrator counts over the whole step."""
-    y, offsets, h = step.y, step.offsets, step.h
-    E, V = offsets.energy + ENERGIES * i, y[offsets.voltage + i]
-    end, used, _ = stage_current(m, decay, i, V, w)
-    supply, copper = h * (V * used), h * (m.resistance * (end * end))
-    add_electrical(y, E, supply, copper, supply - copper - h * (m.torque_constant * w * used))
-    move_source(step.scene.supply, step, i, used)
-    y[offsets.current + i] = end
-    decay.table[i, USED + int(decay.time[2])] = used
-
-
-@_move.otherwise
-def _move_step(decay, m, step, i, w):
-    y, offsets, h = step.y, step.offsets, step.h
+    m, y, offsets, h = motor[i], step.y, step.offsets, step.h
     E, I, V = offsets.energy + ENERGIES * i, y[offsets.current + i], y[offsets.voltage + i]
     end, mean, _ = current_step(m, decay, i, I, V, w, h)
     supply, copper = h * (V * mean), h * (m.resistance * square_mean(decay, i, I, end))
@@ -165,6 +116,19 @@ def _move_step(decay, m, step, i, w):
     add_electrical(y, E, supply, copper, driver)
     move_source(step.scene.supply, step, i, mean)
     y[offsets.current + i] = end
+
+
+@move_motor.of(MotorStage)
+def _move_stage(decay, motor, step, i, w):
+    """Do the same for a stage, without the magnetic energy, which the integrator counts over the whole step."""
+    m, y, offsets, h = motor[i], step.y, step.offsets, step.h
+    E, V = offsets.energy + ENERGIES * i, y[offsets.voltage + i]
+    end, used, _ = stage_current(m, decay, i, V, w)
+    supply, copper = h * (V * used), h * (m.resistance * (end * end))
+    add_electrical(y, E, supply, copper, supply - copper - h * (m.torque_constant * w * used))
+    move_source(step.scene.supply, step, i, used)
+    y[offsets.current + i] = end
+    decay.table[i, USED + int(decay.time[2])] = used
 
 
 @inline

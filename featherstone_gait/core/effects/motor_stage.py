@@ -96,18 +96,6 @@ def _within(limit, end, average, slope_end, slope):
 
 
 @inline
-def _free_course(m, row, voltage, left, mean, z):
-    """Fill what `course` gives where no limit acts from the start, z the time constant by the stage's time."""
-    per_ohm = 1.0 / m.resistance
-    K, I0 = m.torque_constant, row[CURRENT]
-    row[FREE] = 1.0 if is_free(m, voltage, I0, row[NOW]) else 0.0
-    steady = (voltage - K * row[NOW]) * per_ohm
-    row[END], row[AVERAGE] = steady + (I0 - steady) * left, steady + (I0 - steady) * mean
-    row[END_SLOPE] = (K * per_ohm) * (1.0 - z * (1.0 - left))
-    row[AVERAGE_SLOPE] = (K * per_ohm) * (0.5 - z * (1.0 - mean))
-
-
-@inline
 def _limited(m, D0, rate, I0, T):
     """Return until when limits set the current [s], the current then [A], and its integral until then [A s].
 
@@ -153,13 +141,6 @@ def is_free(m, voltage, current, w):
 
 
 @inline
-def keep(stage, i, speed, current):
-    """Take the end of the stage before the last."""
-    row = stage.table[i]
-    row[MID_SPEED], row[MID_CURRENT] = speed, current
-
-
-@inline
 def missed(m, stage, i, voltage, current, w, T):
     """Return the error of the current at a step's end [A] if a limit has begun or ceased to act, else 0.
 
@@ -187,20 +168,19 @@ def bend(m, stage, i, voltage, current, w, rate, h):
 
 
 @inline
-def begin_step(stage, i, speed, current):
-    """Take the start of the step."""
-    row = stage.table[i]
-    row[NOW], row[CURRENT] = speed, current
-
-
-@inline
 def begin_stage(m, stage, i, voltage, T, past, filter_time, d):
     """Begin the stage whose end lies T after the start of the step [s], its own step d [s]."""
     row, tau = stage.table[i], m.inductance / m.resistance
     row[PAST] = past
     left, mean = left_and_mean(T, tau)
     row[LEFT], row[MEAN] = left, mean
-    _free_course(m, row, voltage, left, mean, tau / T)
+    # What `course` gives where no limit acts from the start; z is the time constant by the stage's time.
+    z, per_ohm, K, I0 = tau / T, 1.0 / m.resistance, m.torque_constant, row[CURRENT]
+    row[FREE] = 1.0 if is_free(m, voltage, I0, row[NOW]) else 0.0
+    steady = (voltage - K * row[NOW]) * per_ohm
+    row[END], row[AVERAGE] = steady + (I0 - steady) * left, steady + (I0 - steady) * mean
+    row[END_SLOPE] = (K * per_ohm) * (1.0 - z * (1.0 - left))
+    row[AVERAGE_SLOPE] = (K * per_ohm) * (0.5 - z * (1.0 - mean))
     row[FILTER] = 0.0
     if filter_time > 0.0:
         row[FILTER] = 1.0 / (1.0 + d / filter_time)

@@ -6,18 +6,15 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select, sign_beyond
-from ..compile.structure import structure
-from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator
+from ..compile.structure import record, structure
+from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of
 
-PD = np.dtype(
-    [
-        ("Kp", np.float64),  # [N m/rad]
-        ("Kd", np.float64),  # [N m s/rad]
-        ("torque_limit", np.float64),  # [N m]
-        ("free_damping", np.float64),  # 1 = the damping stays outside the limit
-        ("fold", np.float64),  # 1 = the spring acts at the end of the step, 0 = at its start
-    ],
-    align=True,
+PD = record(
+    Kp=float,  # [N m/rad]
+    Kd=float,  # [N m s/rad]
+    torque_limit=float,  # [N m]
+    free_damping=float,  # 1 = the damping stays outside the limit
+    fold=float,  # 1 = the spring acts at the end of the step, 0 = at its start
 )
 
 
@@ -63,11 +60,6 @@ def _rates(actuator, step, dy, i, v):
     return torque
 
 
-@move_actuator.of(PDServo)
-def _move(actuator, step, i, v, w):
-    pass
-
-
 @actuator_branch.of(PDServo)
 def _branch(actuator, step, i, v, w):
     p = actuator.pd[i]
@@ -75,7 +67,5 @@ def _branch(actuator, step, i, v, w):
     return sign_beyond(select(p.free_damping > 0.0, spring, spring - p.Kd * v), p.torque_limit)
 
 
-@motor_of.of(PDServo)
-@controller_of.of(PDServo)
-def _none(actuator):
-    return None
+motor_of.of(PDServo)(lambda actuator: None)
+controller_of.of(PDServo)(lambda actuator: None)

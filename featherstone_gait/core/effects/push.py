@@ -1,23 +1,19 @@
 """Pushes: external forces on given points of links for a given time."""
 
-import numpy as np
-
 from ..compile.jit import inline, kernel
+from ..compile.structure import record
 from ..tree.rigid_body import point_position
 from ..tree.spatial import add, cross, scale, vector
 
 EVENT_MARGIN = 1e-12  # [s]: an event that falls on a time is over there, whichever of both was rounded down
 
-PUSH = np.dtype(
-    [
-        ("body", np.int64),  # row of the body
-        ("point", np.float64, (3,)),  # where it acts, body frame [m]
-        ("moment", np.float64, (3,)),  # world axes [N m]
-        ("force", np.float64, (3,)),  # world axes [N]
-        ("start", np.float64),  # [s]
-        ("end", np.float64),  # [s]
-    ],
-    align=True,
+PUSH = record(
+    body=int,  # row of the body
+    point=(float, 3),  # where it acts, body frame [m]
+    moment=(float, 3),  # world axes [N m]
+    force=(float, 3),  # world axes [N]
+    start=float,  # [s]
+    end=float,  # [s]
 )
 
 

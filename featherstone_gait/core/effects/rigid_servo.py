@@ -27,7 +27,7 @@ class RigidServo(NamedTuple):
 
 @actuator_force.of(RigidServo)
 def _force(actuator, step, i, v, w, T, c):
-    torque, slope = motor_torque(actuator.motor, step, i, v)
+    torque, slope = motor_torque(step.decay, actuator.motor, step, i, v)
     return T + torque, 0.0, c + slope, 0.0, 0.0
 
 
@@ -37,11 +37,5 @@ def _rates(actuator, step, dy, i, v):
     return motor_rates(actuator.motor, step, dy, i, v)
 
 
-@move_actuator.of(RigidServo)
-def _move(actuator, step, i, v, w):
-    move_motor(actuator.motor, step, i, v)
-
-
-@actuator_branch.of(RigidServo)
-def _branch(actuator, step, i, v, w):
-    return motor_branch(actuator.motor, step, i, v)
+move_actuator.of(RigidServo)(lambda actuator, step, i, v, w: move_motor(step.decay, actuator.motor, step, i, v))
+actuator_branch.of(RigidServo)(lambda actuator, step, i, v, w: motor_branch(step.decay, actuator.motor, step, i, v))

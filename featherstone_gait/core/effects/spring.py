@@ -6,24 +6,20 @@ stage, the linearly implicit step that of its start (Euler) or the predicted one
 it is folded into the step, whose limit is then that of an explicit method; the preflight reports it.
 """
 
-import numpy as np
-
 from ..compile.jit import kernel
 from ..compile.lanes import select, sqrt
+from ..compile.structure import record
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import cross, dot, scale, sub, vector
 
-SPRING = np.dtype(
-    [
-        ("a", np.int64),  # row of the body at one end
-        ("b", np.int64),  # and at the other
-        ("point_a", np.float64, (3,)),  # body frame [m]
-        ("point_b", np.float64, (3,)),  # body frame [m]
-        ("stiffness", np.float64),  # K [N/m]
-        ("damping", np.float64),  # C [N s/m]
-        ("length", np.float64),  # l0, at rest [m]
-    ],
-    align=True,
+SPRING = record(
+    a=int,  # row of the body at one end
+    b=int,  # and at the other
+    point_a=(float, 3),  # body frame [m]
+    point_b=(float, 3),  # body frame [m]
+    stiffness=float,  # K [N/m]
+    damping=float,  # C [N s/m]
+    length=float,  # l0, at rest [m]
 )
 
 

@@ -7,16 +7,14 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.lanes import select, sign_beyond
+from ..compile.structure import record
 from .energies import ENERGIES, STOPS
 
-STOP = np.dtype(
-    [
-        ("lower", np.float64),  # [rad or m]
-        ("upper", np.float64),  # [rad or m]
-        ("stiffness", np.float64),  # [N m/rad or N/m]
-        ("damping", np.float64),  # Hunt and Crossley's d [s/rad or s/m]
-    ],
-    align=True,
+STOP = record(
+    lower=float,  # [rad or m]
+    upper=float,  # [rad or m]
+    stiffness=float,  # [N m/rad or N/m]
+    damping=float,  # Hunt and Crossley's d [s/rad or s/m]
 )
 
 STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it into its stop

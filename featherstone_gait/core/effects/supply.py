@@ -12,32 +12,24 @@ are inductance and slew.  Each d_j I_j grows with V: there is one V.
 Currents that are driven back, d_j I_j < 0, feed the other servos and charge the source, V > V0.  V is not below 0.
 """
 
-import numpy as np
-
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, clamp, invert, select
+from ..compile.structure import record
 from .actuator import controller_of, motor_of, motor_speed, rotor_of
 
-SUPPLY = np.dtype(
-    [
-        ("voltage", np.float64),  # V0 [V]
-        ("resistance", np.float64),  # R_s [Ohm]
-    ],
-    align=True,
+SUPPLY = record(
+    voltage=float,  # V0 [V]
+    resistance=float,  # R_s [Ohm]
 )
 PASSES = 100  # at most: each halves the bracket, unless Newton's is better; two or three are usual
 TOLERANCE = 1e-13  # of V0, that the equation may miss
 
 
-@inline
+@kernel
 def feed(supply, actuator, offsets, y):
     """Turn the voltages that controllers ask for, at their nominal supply, into those that the source supplies."""
-    if supply is not None:
-        _feed(supply, actuator, offsets, y)
-
-
-@kernel
-def _feed(supply, actuator, offsets, y):
+    if supply is None:
+        return
     controller, motor = controller_of(actuator), motor_of(actuator)
     for i in range(len(motor)):
         nominal, u = controller[i].voltage_limit, y[offsets.voltage + i]

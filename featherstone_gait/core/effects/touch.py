@@ -1,4 +1,4 @@
-"""What of a body touches: a point, or the deepest point of a sphere or of a disc.
+"""The point of a body that touches the ground: a point, or the deepest point of a sphere or of a disc.
 
 Against a plane of normal n the deepest point of a convex body is that of its support in the direction -n.  Of a sphere
 of radius r about the center it lies r n below.  A disc is an ellipsoid of semi-axes R, R, e R about its axis a, widened
@@ -16,17 +16,14 @@ import numpy as np
 
 from ..compile.by_type import NoneType, by_type
 from ..compile.lanes import sqrt
-from ..compile.structure import structure
+from ..compile.structure import record, structure
 from ..tree.layout import R
 from ..tree.spatial import add, dot, load9, rotate, scale, sub, vector
 
-DISC = np.dtype(
-    [
-        ("radius", np.float64),  # r of the sphere, or by which the disc is widened [m]
-        ("circle_radius", np.float64),  # R of the disc [m]
-        ("axis", np.float64, (3,)),  # of the disc, body's frame
-    ],
-    align=True,
+DISC = record(
+    radius=float,  # r of the sphere, or by which the disc is widened [m]
+    circle_radius=float,  # R of the disc [m]
+    axis=(float, 3),  # of the disc, body's frame
 )
 FLATNESS = 1e-2  # e: thickness of a disc by its radius
 
@@ -50,14 +47,10 @@ def deepest_point(contact_geometry, c, i, center, n, W):
     """Return where the contact c of body i about the center [m] reaches deepest against the normal n [m]."""
 
 
-@deepest_point.of(NoneType)
-def _point(contact_geometry, c, i, center, n, W):
-    return center
-
-
-@deepest_point.of(Spheres)
-def _sphere(contact_geometry, c, i, center, n, W):
-    return sub(center, scale(n, contact_geometry.radius[c]))
+deepest_point.of(NoneType)(lambda contact_geometry, c, i, center, n, W: center)
+deepest_point.of(Spheres)(
+    lambda contact_geometry, c, i, center, n, W: sub(center, scale(n, contact_geometry.radius[c]))
+)
 
 
 @deepest_point.of(Discs)
@@ -77,16 +70,6 @@ def reach(contact_geometry, c):
     """Return how far from its center the contact c can touch [m]."""
 
 
-@reach.of(NoneType)
-def _reach_of_point(contact_geometry, c):
-    return 0.0
-
-
-@reach.of(Spheres)
-def _reach_of_sphere(contact_geometry, c):
-    return contact_geometry.radius[c]
-
-
-@reach.of(Discs)
-def _reach_of_disc(contact_geometry, c):
-    return contact_geometry.disc[c].radius + contact_geometry.disc[c].circle_radius
+reach.of(NoneType)(lambda contact_geometry, c: 0.0)
+reach.of(Spheres)(lambda contact_geometry, c: contact_geometry.radius[c])
+reach.of(Discs)(lambda contact_geometry, c: contact_geometry.disc[c].radius + contact_geometry.disc[c].circle_radius)

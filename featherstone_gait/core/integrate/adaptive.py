@@ -6,14 +6,15 @@ within a step of the explicit pair.
 """
 
 from ..compile.jit import entry, inline
-from ..compile.shared import read_now
+from ..compile.outside import read_now
 from ..effects.actuator import controller_of
+from ..effects.controller import apply_delayed
 from ..effects.push import EVENT_MARGIN, next_edge
 from ..step.pace import EVALUATIONS, EVENT, GRID, INSIDE, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
 from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
 from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
-from .rollout import TOO_COSTLY, TOO_SMALL, between, inspect, record, tick
+from .rollout import TOO_COSTLY, TOO_SMALL, inspect, record, tick
 
 
 @entry
@@ -32,15 +33,15 @@ def rollout_adaptive(run, y, out):
     while True:
         if not paused:
             if k % plan.per_tick == 0 and k < plan.steps:
-                tick(controller_of(run.scene.actuator), run, k, time_of(plan, k), y)
+                tick(run, k, time_of(plan, k), y)
             elif k < plan.steps:
-                between(run.scene.firmware.delay, run, k, y)
+                apply_delayed(run.scene.firmware.delay, run.scene, offsets, y, k % plan.per_tick)
             if k % plan.per_sample == 0:
                 record(run, y, k // plan.per_sample, out)
             if k == plan.steps or dead:
                 break
-        end = _end(controller_of(run.scene.actuator), ends_on_records(run.work), plan, k)
-        end = _end_of_delay(run.scene.firmware.delay, plan, k, end)
+        controller, delay = controller_of(run.scene.actuator), run.scene.firmware.delay
+        end = _end(controller, delay, ends_on_records(run.work), plan, k)
         dead = _cross(run, y, k, end, most, out)
         if pace[GRID] > 0.0:
             return False
@@ -67,20 +68,14 @@ def _begin(run, y):
 
 
 @inline
-def _end(controller, ends, plan, k):
+def _end(controller, delay, ends, plan, k):
     """Return the grid step at which the next interval ends."""
     end = plan.steps
     if ends is not None:
         end = min(end, (k // plan.per_sample + 1) * plan.per_sample)
     if controller is not None:
         end = min(end, (k // plan.per_tick + 1) * plan.per_tick)
-    return end
-
-
-@inline
-def _end_of_delay(delay, plan, k, end):
-    """Return the same, but no later than the next step at which delayed voltages are applied."""
-    if delay is not None:
+    if delay is not None:  # the next step at which delayed voltages are applied
         due = k - k % plan.per_tick + delay.shift
         if due > k:
             end = min(end, due)
@@ -90,7 +85,7 @@ def _end_of_delay(delay, plan, k, end):
 @inline
 def _cross(run, y, k, end, most, out):
     """Step from grid step k to `end`, but not beyond `most` steps; return whether the run has ended."""
-    plan, pace = run.plan, run.work.pace
+    plan, pace, u = run.plan, run.work.pace, run.signals
     t = time_of(plan, k)
     length = time_of(plan, end) - t
     done, until, next_record = 0.0, 0.0, k // plan.per_sample + 1
@@ -99,7 +94,8 @@ def _cross(run, y, k, end, most, out):
         pace[GRID] = 0.0
     while done < length:
         if done >= until:
-            until = _next_event(run, t, done, length)
+            event = _next_event(run.scene.push, u.torques, u.continuous, u.reference, t + done)
+            until = min(length, event - t)
             if until - done < 4.0 * EVENT_MARGIN:  # what rounding leaves here would end before it begins
                 done = until
                 y[run.offsets[0].end_time] = t + done
@@ -129,20 +125,13 @@ def _cross(run, y, k, end, most, out):
 
 
 @inline
-def _next_event(run, t, done, length):
-    """Return the time from t to the next edge of a push or knot of a continuous signal, at most `length` [s]."""
-    u = run.signals
-    return min(length, _event_after(run.scene.push, u.torques, u.continuous, u.reference, t + done) - t)
-
-
-@inline
-def _event_after(push, torques, continuous, reference, now):
+def _next_event(push, torques, continuous, reference, now):
+    """Return the time of the next edge of a push or knot of a continuous signal [s]."""
     event = 1e300
     if push is not None:
         event = min(event, next_edge(push, now))
     if torques is not None:
         event = min(event, next_knot(torques, now))
-    if continuous is not None:
-        if reference is not None:
-            event = min(event, next_knot(reference, now))
+    if continuous is not None and reference is not None:
+        event = min(event, next_knot(reference, now))
     return event

@@ -27,24 +27,11 @@ from ..compile.structure import structure
 from ..effects.actuator import controller_of, motor_of, motor_speed, rotor_of
 from ..effects.energies import DRIVER, ENERGIES, METER, SUPPLY
 from ..effects.motor_stage import COLUMNS as MOTOR_COLUMNS
-from ..effects.motor_stage import USED, MotorStage, begin_stage, begin_step, bend, keep, missed
+from ..effects.motor_stage import MID_SPEED, NOW, USED, MotorStage, begin_stage, bend, missed
 from ..step.advance import advance
 from ..step.context import Scratch, Step
 from ..step.newton import solve_step
-from ..step.pace import (
-    COLUMNS,
-    EVALUATIONS,
-    LAST,
-    PACE_SCRATCH,
-    REJECTED,
-    SINCE,
-    STEP,
-    STEPS,
-    UNTIL,
-    in_time,
-    root,
-    scaled,
-)
+from ..step.pace import COLUMNS, EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, root, scaled
 from ..step.signals import inputs
 from ..tree.kinematics import quaternion_rate
 from .integrator import Integrator, begin_interval, scratch, take_adaptive_step
@@ -78,7 +65,7 @@ class Ars343(NamedTuple):
     motors: MotorStage | None  # None without motors
     stale: np.ndarray  # (1,) 1 where the slope at the start is to be found
     fresh: np.ndarray  # (1,) 1 of the first step after an event
-    pace: np.ndarray  # (PACE_SCRATCH,)
+    pace: np.ndarray  # (SIZE,)
 
 
 @begin_interval.of(Ars343)
@@ -116,7 +103,8 @@ def ars343(work, run, y, t, length):
         if error <= 1.0:
             _finish(run, y, h)
             factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (1.0 / 3.0 - 0.2 * BETA))
-            factor = max(LEAST, min(1.0 if rejected else _most(run.plan.second_run), factor))
+            most = 16.0 if run.plan.second_run else MOST  # events hold a second run's steps far below its tolerance
+            factor = max(LEAST, min(1.0 if rejected else most, factor))
             pace[STEPS] += 1.0
             pace[LAST] = max(error, 1e-4)
             if h < length or factor < 1.0:
@@ -147,27 +135,17 @@ def _longest(second_run, pace):
     return interval
 
 
-@inline
-def _most(second_run):
-    """Return the largest factor of steps; events hold a second run's steps far below its tolerance."""
-    return 16.0 if second_run else MOST
-
-
 @kernel
 def _stages(run, y, t, h):
     """Solve all stages of the step h from t: fill their slopes, and y with the state after the last."""
     scene, u, work, offsets = run.scene, run.signals, run.work, run.offsets[0]
     scratch, pace, d = work.scratch, work.pace, G * h
     _start_slope(scene.floating, run)
-    _start_motors(work.motors, rotor_of(scene.actuator), run)
+    _store_motors(work.motors, rotor_of(scene.actuator), offsets, work.start, NOW)
     y[offsets.newton_iterations + 1] = work.start[offsets.newton_iterations + 1]
-    first = 1
-    if work.stale[0] > 0.0:
-        first = 0
-    for k in range(first, 4):
-        _begin_stage(run, y, h, k)
+    for k in range(0 if work.stale[0] > 0.0 else 1, 4):
+        norm = _begin_stage(scene.floating, scene.contact, run, y, h, k)
         _begin_motors(work.motors, run, y, h, k)
-        norm = _begin_base(scene.floating, run, y, h, k)
         inputs(u, min(t + max(NODES[k], G) * h, pace[UNTIL]))
         at = Step(
             scene=scene, actuator=scene.actuator, decay=work.motors, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
@@ -177,15 +155,17 @@ def _stages(run, y, t, h):
         solve_step(at)
         advance(at)
         pace[EVALUATIONS] += 1.0
-        _end_stage(run, y, d, k)
-        _end_base(scene.floating, run, y, d, k, norm)
+        _end_stage(scene.floating, run, y, d, k, norm)
         if k == 2:
-            _keep_currents(work.motors, rotor_of(scene.actuator), run, y)
+            _store_motors(work.motors, rotor_of(scene.actuator), offsets, y, MID_SPEED)
 
 
 @inline
-def _begin_stage(run, y, h, k):
-    """Fill y and the slopes with the state from which stage k steps, and accelerations that predict its end."""
+def _begin_stage(floating, contact, run, y, h, k):
+    """Fill y and the slopes with the state from which stage k steps, and accelerations that predict its end.
+
+    Returns the length of a floating base's quaternion, which the step makes 1.
+    """
     work, offsets = run.work, run.offsets[0]
     start, slopes = work.start, work.slopes
     for i in range(offsets.after_integrated):
@@ -196,8 +176,18 @@ def _begin_stage(run, y, h, k):
             slopes[k, i] = y[i]
     for i in range(len(run.scene.tree) - 1):
         _expect(run, y, h, k, offsets.qd + i, offsets.qdd + i)
-    for i in range(offsets.contact_force, offsets.velocity_change):
-        y[i] = 0.0  # friction is limited by the predicted normal force
+    if contact is not None:
+        for i in range(3 * len(contact.points)):
+            y[offsets.contact_force + i] = 0.0  # friction is limited by the predicted normal force
+    norm = 1.0
+    if floating is not None:
+        for i in range(6):
+            _expect(run, y, h, k, offsets.base_qd + i, offsets.base_qdd + i)
+        norm = 0.0
+        for i in range(offsets.base_q + 3, offsets.base_q + 7):
+            norm += y[i] * y[i]
+        norm = sqrt(norm)
+    return norm
 
 
 @inline
@@ -212,46 +202,25 @@ def _expect(run, y, h, k, speed, acceleration):
 
 
 @inline
-def _begin_base(floating, run, y, h, k):
-    """Do the same for a floating base; return the length of its quaternion, which the step makes 1."""
-    norm = 1.0
-    if floating is not None:
-        offsets = run.offsets[0]
-        for i in range(6):
-            _expect(run, y, h, k, offsets.base_qd + i, offsets.base_qdd + i)
-        norm = 0.0
-        for i in range(offsets.base_q + 3, offsets.base_q + 7):
-            norm += y[i] * y[i]
-        norm = sqrt(norm)
-    return norm
+def _end_stage(floating, run, y, d, k, norm):
+    """Set the slope of stage k by what its step d has changed; of the start the accelerations alone.
 
-
-@inline
-def _end_stage(run, y, d, k):
-    """Set the slope of stage k by what its step d has changed; of the start the accelerations alone."""
+    Euler's step shortens the quaternion of a floating base.
+    """
     offsets, slopes = run.offsets[0], run.work.slopes
     if k > 0:
         for i in range(offsets.after_integrated):
             slopes[k, i] = (y[i] - slopes[k, i]) * (1.0 / d)
+        if floating is not None:
+            x, v = y[offsets.base_q : offsets.base_q + 7], y[offsets.base_qd : offsets.base_qd + 6]
+            turn = 0.25 * d * d * (v[3] * v[3] + v[4] * v[4] + v[5] * v[5])
+            quaternion_rate(x, v, slopes[k, offsets.base_q + 3 : offsets.base_q + 7])
+            for i in range(offsets.base_q + 3, offsets.base_q + 7):
+                slopes[k, i] *= norm / sqrt(1.0 + turn)
     else:
         for i in range(len(run.scene.tree) - 1):
             slopes[0, offsets.qd + i] = y[offsets.qdd + i]
-
-
-@inline
-def _end_base(floating, run, y, d, k, norm):
-    """Do the same for a floating base, whose quaternion Euler's step shortens."""
-    if floating is not None:
-        offsets, slopes = run.offsets[0], run.work.slopes
-        if k > 0:
-            v = y[offsets.base_qd : offsets.base_qd + 6]
-            turn = 0.25 * d * d * (v[3] * v[3] + v[4] * v[4] + v[5] * v[5])
-            quaternion_rate(
-                y[offsets.base_q : offsets.base_q + 7], v, slopes[k, offsets.base_q + 3 : offsets.base_q + 7]
-            )
-            for i in range(offsets.base_q + 3, offsets.base_q + 7):
-                slopes[k, i] *= norm / sqrt(1.0 + turn)
-        else:
+        if floating is not None:
             for i in range(6):
                 slopes[0, offsets.base_qd + i] = y[offsets.base_qdd + i]
 
@@ -293,25 +262,10 @@ def _current_error(motors, rotor, run, y, h, worst):
         offsets, start, motor = run.offsets[0], run.work.start, motor_of(run.scene.actuator)
         for i in range(len(motor)):
             k = offsets.current + i
-            e = missed(
-                motor[i],
-                motors,
-                i,
-                y[offsets.voltage + i],
-                y[k],
-                motor_speed(rotor, offsets, y, i),
-                (1.0 - NODES[2]) * h,
-            )
+            w, last = motor_speed(rotor, offsets, y, i), (1.0 - NODES[2]) * h
+            e = missed(motor[i], motors, i, y[offsets.voltage + i], y[k], w, last)
             worst = _worse(worst, scaled(run.plan, e, start[k], y[k]))
     return worst
-
-
-@inline
-def _keep_currents(motors, rotor, run, y):
-    if motors is not None:
-        offsets = run.offsets[0]
-        for i in range(len(motors.table)):
-            keep(motors, i, motor_speed(rotor, offsets, y, i), y[offsets.current + i])
 
 
 @inline
@@ -333,19 +287,19 @@ def _worse(worst, e):
 def _finish(run, y, h):
     """Restore the watch on chatter, and add what the motors' stages leave out."""
     offsets, start = run.offsets[0], run.work.start
-    for i in range(offsets.velocity_change, offsets.newton_iterations):
-        y[i] = start[i]
-    _bend_currents(run.work.motors, rotor_of(run.scene.actuator), run, y, h)
-    _electrical_energies(run.work.motors, run, y)
+    for watch in (offsets.velocity_change, offsets.chatter, offsets.worst_chatter):
+        for i in range(watch, watch + len(run.scene.tree) - 1):
+            y[i] = start[i]
+    _finish_motors(run.work.motors, rotor_of(run.scene.actuator), run, y, h)
 
 
 @inline
-def _start_motors(motors, rotor, run):
-    """Store speeds and currents at the start of the step."""
+def _store_motors(motors, rotor, offsets, y, column):
+    """Store speeds at y in a column of the motors' table, and currents in the next."""
     if motors is not None:
-        offsets, start = run.offsets[0], run.work.start
         for i in range(len(motors.table)):
-            begin_step(motors, i, motor_speed(rotor, offsets, start, i), start[offsets.current + i])
+            motors.table[i, column] = motor_speed(rotor, offsets, y, i)
+            motors.table[i, column + 1] = y[offsets.current + i]
 
 
 @inline
@@ -354,9 +308,7 @@ def _begin_motors(motors, run, y, h, k):
     if motors is not None:
         motor, controller, offsets = motor_of(run.scene.actuator), controller_of(run.scene.actuator), run.offsets[0]
         T, d = max(NODES[k], G) * h, G * h
-        motors.time[0], motors.time[1], motors.time[2] = T, 0.0, 1.0 * k
-        if k == 3:
-            motors.time[1] = 1.0 / G
+        motors.time[0], motors.time[1], motors.time[2] = T, 1.0 / G if k == 3 else 0.0, 1.0 * k
         for i in range(len(motor)):
             past = 0.0
             for j in range(1, k):
@@ -366,26 +318,18 @@ def _begin_motors(motors, run, y, h, k):
 
 
 @inline
-def _bend_currents(motors, rotor, run, y, h):
-    """Add the effect of the speeds' curvature, which no stage knows, to the currents at the end."""
+def _finish_motors(motors, rotor, run, y, h):
+    """Add the effect of the speeds' curvature, which no stage knows, to the currents at the end.
+
+    Takes the magnetic energy from the drivers' losses [J], and keeps the meter from running backwards.
+    """
     if motors is not None:
-        motor, offsets, slopes = motor_of(run.scene.actuator), run.offsets[0], run.work.slopes
+        motor, offsets, slopes, start = motor_of(run.scene.actuator), run.offsets[0], run.work.slopes, run.work.start
         for i in range(len(motor)):
-            k = offsets.qd + i
-            if rotor is not None:
-                k = offsets.rotor_speed + i
+            k = (offsets.qd if rotor is None else offsets.rotor_speed) + i
             rate = (slopes[3, k] - slopes[1, k]) / (h * (1.0 - G))
-            y[offsets.current + i] += bend(
-                motor[i], motors, i, y[offsets.voltage + i], y[offsets.current + i], y[k], rate, h
-            )
-
-
-@inline
-def _electrical_energies(motors, run, y):
-    """Take the magnetic energy from the drivers' losses [J], and keep the meter from running backwards."""
-    if motors is not None:
-        motor, offsets, start = motor_of(run.scene.actuator), run.offsets[0], run.work.start
-        for i in range(len(motor)):
+            V, I = y[offsets.voltage + i], y[offsets.current + i]
+            y[offsets.current + i] += bend(motor[i], motors, i, V, I, y[k], rate, h)
             I0, I1 = start[offsets.current + i], y[offsets.current + i]
             E = offsets.energy + ENERGIES * i
             y[E + DRIVER] -= 0.5 * motor[i].inductance * (I1 * I1 - I0 * I0)
@@ -403,7 +347,7 @@ def _workspace(sizes, zeros):
         motors=MotorStage(zeros((sizes.motors, MOTOR_COLUMNS)), zeros(3)) if sizes.motors else None,
         stale=np.zeros(1),
         fresh=np.zeros(1),
-        pace=zeros(PACE_SCRATCH),
+        pace=zeros(SIZE),
     )
 
 

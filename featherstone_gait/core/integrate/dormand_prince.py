@@ -15,34 +15,13 @@ from ..compile.lanes import sqrt
 from ..compile.structure import structure
 from ..effects.actuator import motor_of
 from ..effects.energies import ENERGIES, METER
-from ..step.context import Scratch, Step
+from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.derivative import derivative
-from ..step.pace import (
-    EVALUATIONS,
-    LAST,
-    PACE_SCRATCH,
-    REJECTED,
-    SINCE,
-    STEP,
-    STEPS,
-    UNTIL,
-    in_time,
-    meters,
-    root,
-    scaled,
-)
+from ..step.pace import EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
 from ..step.signals import inputs, time_of
 from ..tree.coupling import follow
 from ..tree.kinematics import unit_quaternion
-from .integrator import (
-    NEWTON_TOLERANCE,
-    Integrator,
-    begin_interval,
-    ends_on_records,
-    record_within,
-    scratch,
-    take_adaptive_step,
-)
+from .integrator import Integrator, begin_interval, ends_on_records, record_within, scratch, take_adaptive_step
 from .rollout import record as write_record
 from .tableau import E3, E5, NODES, WEIGHTS, D
 
@@ -65,7 +44,7 @@ class DormandPrince(NamedTuple):
 
     scratch: Scratch
     stages: np.ndarray  # (ROWS, length up to the watched part)
-    pace: np.ndarray  # (PACE_SCRATCH,)
+    pace: np.ndarray  # (SIZE,)
 
 
 @kernel
@@ -137,9 +116,7 @@ def dop853(work, run, y, t, length):
             return 0.0
 
 
-@ends_on_records.of(DormandPrince)
-def _dense(work):
-    return None
+ends_on_records.of(DormandPrince)(lambda work: None)
 
 
 @record_within.of(DormandPrince)
@@ -148,8 +125,16 @@ def _record_within(work, run, y, interval, record, out):
     (t, h, end), plan, offsets = interval, run.plan, run.offsets[0]
     if record * plan.per_sample >= end or time_of(plan, record * plan.per_sample) >= t + h:
         return record
-    _prepare_dense(run, y, t, h)
-    derived = False
+    stages, derived = work.stages, False
+    for i in range(offsets.after_derived):
+        stages[STOP, i] = y[i]  # the step's end
+    _evaluate(DENSE, DENSE + 2, run, y, t, h)
+    for k in range(4):
+        for i in range(plan.integrated):
+            total = 0.0
+            for j in range(SPARE):
+                total += D[k, j] * stages[j, i]
+            stages[COEFFICIENTS + k, i] = h * total
     for j in range(len(run.channels)):
         derived = derived | (run.channels[j] >= offsets.after_integrated)
     while record * plan.per_sample < end and time_of(plan, record * plan.per_sample) < t + h:
@@ -161,23 +146,8 @@ def _record_within(work, run, y, interval, record, out):
         write_record(run, y, record, out)
         record += 1
     for i in range(offsets.after_derived):
-        y[i] = work.stages[STOP, i]
+        y[i] = stages[STOP, i]
     return record
-
-
-@inline
-def _prepare_dense(run, y, t, h):
-    """Fill what interpolates the last step, from t over h [s], and keep its end."""
-    stages = run.work.stages
-    for i in range(run.offsets[0].after_derived):
-        stages[STOP, i] = y[i]
-    _evaluate(DENSE, DENSE + 2, run, y, t, h)
-    for k in range(4):
-        for i in range(run.plan.integrated):
-            total = 0.0
-            for j in range(SPARE):
-                total += D[k, j] * stages[j, i]
-            stages[COEFFICIENTS + k, i] = h * total
 
 
 @inline
@@ -218,7 +188,7 @@ def _error(run, start, y):
 
 
 def _workspace(sizes, zeros):
-    return DormandPrince(scratch(sizes, zeros), zeros((ROWS, int(sizes.offsets["after_derived"]))), zeros(PACE_SCRATCH))
+    return DormandPrince(scratch(sizes, zeros), zeros((ROWS, int(sizes.offsets["after_derived"]))), zeros(SIZE))
 
 
 DOP853 = Integrator("dop853", 8, _workspace, adaptive=True, rtol=1e-7, soft=True)

@@ -11,11 +11,10 @@ Differential Equations I, 2nd edition, section II.9, and E. Hairer, G. Wanner, I
 What a step derives (torques, forces, accelerations) is a smooth function of h too, and is extrapolated along.
 
 That holds where the forces are smooth.  A force that changes to another branch of its law (a stop touched, a limit met,
-teeth apart, a foot that slips) makes a discontinuity (`kink` in the code).  The errors of all columns are then alike,
-and one is small by chance.  Each step therefore identifies its branches (step/branch.py).  An interval in which they
-change, or at whose end they are others than any column has seen, is cut before the discontinuity, and the next one
-behind it, until the error of the first two columns, which is of one order and never small by chance, meets the
-tolerance too.
+teeth apart, a foot that slips) makes a discontinuity.  The errors of all columns are then alike, and one is small by
+chance.  Each step therefore identifies its branches (step/branch.py).  An interval in which they change, or at whose
+end they are others than any column has seen, is cut before the discontinuity, and the next one behind it, until the
+error of the first two columns, which is of one order and never small by chance, meets the tolerance too.
 
 The columns of the scheme do not depend on each other and run side by side in lanes.  Column k and column K - k take
 together as many steps as column K, so that K columns fill K/2 + 1 lanes without a gap, and K columns cost the time of
@@ -36,26 +35,13 @@ from ..effects.energies import ENERGIES, METER
 from ..effects.friction import stops_at_once
 from ..step.advance import advance
 from ..step.branch import branches, branches_at_start
-from ..step.context import Step
+from ..step.context import NEWTON_TOLERANCE, Step
 from ..step.derivative import derivative
 from ..step.newton import solve_step
-from ..step.pace import (
-    COLUMNS,
-    EVALUATIONS,
-    PACE_SCRATCH,
-    REJECTED,
-    SINCE,
-    STEP,
-    STEPS,
-    UNTIL,
-    in_time,
-    meters,
-    root,
-    scaled,
-)
+from ..step.pace import COLUMNS, EVALUATIONS, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
 from ..step.signals import evaluate
 from ..tree.kinematics import unit_quaternion
-from .integrator import NEWTON_TOLERANCE, Integrator, begin_interval, begin_run, scratch, take_adaptive_step
+from .integrator import Integrator, begin_interval, begin_run, scratch, take_adaptive_step
 
 LONGEST = 12  # columns: rounding errors grow by 2.7 a column of the linear sequence
 SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
@@ -73,7 +59,7 @@ BEFORE, BEHIND, BRANCH, ROUGH = 0, 1, 2, 3
 
 @structure
 class Columns(NamedTuple):
-    """What is done side by side: arrays with a last axis of lanes, which kernels also see as such."""
+    """Columns that run side by side: arrays with a last axis of lanes, which kernels also see as such."""
 
     y: np.ndarray  # (length of the state,)
     h: np.ndarray  # (1,): steps [s]
@@ -100,9 +86,9 @@ class Ladder(NamedTuple):
     table: np.ndarray  # (LONGEST, length of the state): the columns, then the last row of the scheme
     lanes: np.ndarray  # (3, WIDTH): what each lane is at
     wanted: np.ndarray  # (LONGEST,): the step that each column's error asks for [s]
-    kink: np.ndarray  # (4,): what is known of a discontinuity in the interval
+    discontinuity: np.ndarray  # (4,): what is known of a discontinuity in the interval
     columns: Columns
-    pace: np.ndarray  # (PACE_SCRATCH,)
+    pace: np.ndarray  # (SIZE,)
     implicit: bool | None  # True: linearly implicit Euler, None: explicit midpoint
 
 
@@ -121,17 +107,19 @@ def extrapolate(work, run, y, t, length):
             error = _combine(implicit, run, h, count)
             if error <= 1.0 and _ends_elsewhere(implicit, run, h):
                 error = max(error, _error_of_discontinuity(run, h))
-            if _sticks(run) and work.kink[BEFORE] >= 0.0 and h < 1.5 * run.plan.least_step and error < PASSED:
+            if _sticks(run) and work.discontinuity[BEFORE] >= 0.0 and h < 1.5 * run.plan.least_step and error < PASSED:
                 error = min(error, 1.0)
         if error <= 1.0:
-            _accept(implicit, run, y)
+            for i in range(_smooth(implicit, run)):  # the watch on chatter stays
+                y[i] = work.best[i]
+            y[offsets.newton_iterations] = work.columns.y[offsets.newton_iterations, 0]  # those of the last column
             unit_quaternion(run.scene.floating, offsets.base_q, y)
             _first_slope(implicit, run, y, t + h)
             pace[STEPS] += 1.0
             _choose(work, count - 1, h, length, rejected)
-            if work.kink[BEHIND] > 0.0:
-                pace[STEP] = min(pace[STEP], work.kink[BEHIND])
-            work.kink[BEHIND] = 0.0
+            if work.discontinuity[BEHIND] > 0.0:
+                pace[STEP] = min(pace[STEP], work.discontinuity[BEHIND])
+            work.discontinuity[BEHIND] = 0.0
             return h
         rejected = True
         pace[REJECTED] += 1.0
@@ -140,7 +128,7 @@ def extrapolate(work, run, y, t, length):
             best = _cheapest(work, count - 1, h)
             pace[COLUMNS] = best + 2
             pace[STEP] = min(0.7 * h, max(0.05 * h, work.wanted[best]))
-        if work.kink[BEFORE] >= 0.0:
+        if work.discontinuity[BEFORE] >= 0.0:
             least = run.plan.least_step
             if skipped <= 1.0 and (h > LOCATED * least or not _sticks(run)):
                 pace[STEP] = max(_narrow(work, h, count, error), 0.8 * LOCATED * least)
@@ -158,38 +146,36 @@ def _sticks(run):
 
 @inline
 def _ends_elsewhere(implicit, run, h):
-    """Return whether there is a discontinuity at the interval's end that no column has noticed."""
+    """Return whether there is a discontinuity at the interval's end that no column has noticed.
+
+    It changes the branches an instant after the best values.
+    """
     if implicit is None:
         return False
     ladder = run.work
-    if ladder.kink[BEFORE] >= 0.0:
+    if ladder.discontinuity[BEFORE] >= 0.0:
         return False
-    _end_branch(run, in_lanes(ladder.columns), h)
-    if ladder.columns.branch[0, 0] == ladder.kink[BRANCH]:
-        return False
-    ladder.kink[BEFORE] = 1.0
-    return True
-
-
-@kernel
-def _end_branch(run, columns, h):
-    """Fill the branches an instant after the best values."""
+    columns = in_lanes(ladder.columns)
     for i in range(_smooth(True, run)):
-        columns.y[i] = run.work.best[i]
+        columns.y[i] = ladder.best[i]
     columns.h[0] = h * INSTANT
     _set_decay(columns.decay, run.scene.actuator, columns)
     _euler(True, run, columns)
+    if ladder.columns.branch[0, 0] == ladder.discontinuity[BRANCH]:
+        return False
+    ladder.discontinuity[BEFORE] = 1.0
+    return True
 
 
 @inline
 def _narrow(work, h, count, error):
     """Return a step [s] that ends before the discontinuity, or if there is no room one in which it weighs less."""
-    cell, kink = h / count, work.kink
-    kink[BEHIND] = 0.0
-    if kink[BEFORE] == 0.0:
+    cell, discontinuity = h / count, work.discontinuity
+    discontinuity[BEHIND] = 0.0
+    if discontinuity[BEFORE] == 0.0:
         return max(cell, 0.7 * h / root(error, 2))
-    kink[BEHIND] = 1.01 * cell
-    return min(kink[BEFORE] * h, h - cell)
+    discontinuity[BEHIND] = 1.01 * cell
+    return min(discontinuity[BEFORE] * h, h - cell)
 
 
 @inline
@@ -198,14 +184,6 @@ def _steps(implicit, j):
     if implicit is None:
         return 2 * (j + 1)
     return j + 1
-
-
-@inline
-def _power(implicit, count):
-    """Return 1 / exponent of the step in the local error of `count` columns."""
-    if implicit is None:
-        return 2 * count - 1
-    return count
 
 
 # ---------------------------------------------------------------------------------------------- columns
@@ -222,20 +200,21 @@ def _sweep(implicit, run, t, h, count):
     half, sound, ladder, pace = count // 2, True, run.work, run.work.pace
     columns = in_lanes(ladder.columns)
     for lane in range(WIDTH):
-        column = count - 1
-        if lane <= half:
-            column = count - 1 - lane
-        _assign(implicit, ladder, lane, column, h)
+        _assign(implicit, ladder, lane, count - 1 - (lane if lane <= half else 0), h)
     if implicit is not None:
         ladder.columns.h[0, WIDTH - 1] = h * INSTANT
     _begin(implicit, run, columns)
     _set_decay(columns.decay, run.scene.actuator, columns)
     total = _steps(implicit, count - 1)
-    ladder.kink[BEFORE] = -1.0
+    ladder.discontinuity[BEFORE] = -1.0
     for k in range(total):
         for lane in range(WIDTH):
-            _lane_inputs(run, lane, min(t + _time(ladder, lane), pace[UNTIL]), False)
-        _step(implicit, run, columns)
+            ahead = (ladder.lanes[DONE, lane] + 1) * ladder.columns.h[0, lane]  # the first evaluation lies a step ahead
+            _lane_inputs(run, lane, min(t + ahead, pace[UNTIL]), False)
+        if implicit is None:
+            _midpoint(run, columns)
+        else:
+            _euler(None, run, columns)
         _look_for_discontinuity(implicit, ladder, k, total, half)
         if implicit is not None and k == 0:
             skipped = _skipped(run, min(half, 3), h)
@@ -269,14 +248,14 @@ def _look_for_discontinuity(implicit, ladder, k, total, half):
     The longest column, of `total` steps, shows where; if only others have seen it, the end is as good a guess.
     """
     if implicit is not None:
-        branch, kink = ladder.columns.branch[0], ladder.kink
+        branch, discontinuity = ladder.columns.branch[0], ladder.discontinuity
         if k == 0:
-            kink[BRANCH] = branch[WIDTH - 1]
-        if branch[0] != kink[BRANCH] and not 0.0 <= kink[BEFORE] < 1.0:
-            kink[BEFORE] = k / total
+            discontinuity[BRANCH] = branch[WIDTH - 1]
+        if branch[0] != discontinuity[BRANCH] and not 0.0 <= discontinuity[BEFORE] < 1.0:
+            discontinuity[BEFORE] = k / total
         for lane in range(1, half + 1):
-            if branch[lane] != kink[BRANCH] and kink[BEFORE] < 0.0:
-                kink[BEFORE] = 1.0
+            if branch[lane] != discontinuity[BRANCH] and discontinuity[BEFORE] < 0.0:
+                discontinuity[BEFORE] = 1.0
 
 
 @inline
@@ -289,7 +268,7 @@ def _skipped(run, last, h):
     reverses with a joint they differ by a jump, which has acted too long by half of the shortest first step on average.
     """
     offsets, worst = run.offsets[0], 0.0
-    turns = _sticks(run) and run.work.kink[BEFORE] == 0.0 and h > LOCATED * run.plan.least_step
+    turns = _sticks(run) and run.work.discontinuity[BEFORE] == 0.0 and h > LOCATED * run.plan.least_step
     for i in range(len(run.scene.tree) - 1):
         a = _skipped_by(run, last, offsets.qdd + i)
         worst = max(worst, _scaled_at(run, a, offsets.q + i))
@@ -304,9 +283,8 @@ def _skipped_by_base(floating, run, last, worst):
     if floating is not None:
         offsets = run.offsets[0]
         for i in range(6):  # the quaternion's vector is half the turn
-            worst = max(
-                worst, _scaled_at(run, _skipped_by(run, last, offsets.base_qdd + i), offsets.base_q + i + i // 3)
-            )
+            a = _skipped_by(run, last, offsets.base_qdd + i)
+            worst = max(worst, _scaled_at(run, a, offsets.base_q + i + i // 3))
     return worst
 
 
@@ -339,12 +317,6 @@ def _assign(implicit, ladder, lane, column, h):
     ladder.lanes[DONE, lane] = 0
     ladder.lanes[COLUMN, lane] = column
     ladder.columns.h[0, lane] = h / n
-
-
-@inline
-def _time(ladder, lane):
-    """Return the time of a lane's next evaluation since the interval's start [s]; the first lies a step ahead."""
-    return (ladder.lanes[DONE, lane] + 1) * ladder.columns.h[0, lane]
 
 
 @inline
@@ -384,15 +356,6 @@ def _harvest(implicit, run, lane):
     return not ladder.columns.y[offsets.newton_iterations + 1, lane] > ladder.start[offsets.newton_iterations + 1]
 
 
-@inline
-def _step(implicit, run, columns):
-    """Take one step of every lane."""
-    if implicit is None:
-        _midpoint(run, columns)
-    else:
-        _euler(None, run, columns)
-
-
 @kernel
 def _midpoint(run, columns):
     """Step y_{k+1} = y_{k-1} + 2 h f(y_k); in the end Gragg's mean (y_{n-1} + 2 y_n + y_{n+1}) / 4."""
@@ -427,15 +390,10 @@ def _euler(ended, run, columns):
     )  # fmt: skip
     if ended is None:
         solve_step(at)
-        x.branch[0] = branches(at)
+        x.branch[0] = branches(scene.contact, at)
         advance(at)
     else:
-        x.branch[0] = branches_at_start(at)
-
-
-@begin_interval.of(Ladder)
-def _begin_interval(work, run, y, t):
-    _first_slope(work.implicit, run, y, t)
+        x.branch[0] = branches_at_start(scene.contact, at)
 
 
 @inline
@@ -453,6 +411,9 @@ def _first_slope(implicit, run, y, t):
             y[i] = run.work.columns.y[i, 0]
 
 
+begin_interval.of(Ladder)(lambda work, run, y, t: _first_slope(work.implicit, run, y, t))
+
+
 @inline
 def _set_decay(decay, actuator, columns):
     """Fill what is left of currents and filtered speeds after each lane's step, and the currents' mean."""
@@ -463,29 +424,23 @@ def _set_decay(decay, actuator, columns):
 @inline
 def _lane_inputs(run, lane, t, constant):
     """Bring a lane's torques and references of continuous servos to the time t; `constant`: also those of one knot."""
-    u, columns = run.signals, run.work.columns
-    _lane_torques(u.torques, u.torque_values, columns.tau, lane, t, constant)
-    _lane_drive(u.continuous, u.reference, u.drive, columns.drive, lane, t, constant)
+    u = run.signals
+    _fill_lane(u.torques, u.continuous, u.reference, u, run.work.columns, lane, t, constant)
 
 
 @inline
-def _lane_torques(torques, values, tau, lane, t, constant):
+def _fill_lane(torques, continuous, reference, u, columns, lane, t, constant):
     if torques is not None:
         if constant or len(torques.times) > 1:
-            evaluate(torques, t, values)
-            for i in range(len(tau)):
-                tau[i, lane] = values[i, 0]
-
-
-@inline
-def _lane_drive(continuous, reference, drive, out, lane, t, constant):
-    if continuous is not None:
-        if reference is not None:
-            if constant or len(reference.times) > 1:
-                evaluate(reference, t, drive)
-                for i in range(len(drive)):
-                    out[i, 0, lane] = drive[i, 0]
-                    out[i, 1, lane] = drive[i, 1]
+            evaluate(torques, t, u.torque_values)
+            for i in range(len(columns.tau)):
+                columns.tau[i, lane] = u.torque_values[i, 0]
+    if continuous is not None and reference is not None:
+        if constant or len(reference.times) > 1:
+            evaluate(reference, t, u.drive)
+            for i in range(len(u.drive)):
+                columns.drive[i, 0, lane] = u.drive[i, 0]
+                columns.drive[i, 1, lane] = u.drive[i, 1]
 
 
 @begin_run.of(Ladder)
@@ -506,12 +461,14 @@ def _combine(implicit, run, h, count):
     then one of them is small by chance.
     """
     ladder, m, least, error = run.work, _smooth(implicit, run), 1e300, 0.0
+    fall = FALL_SQUARES if implicit is None else FALL
     for j in range(1, count):
         _neville(implicit, j, ladder.table, m)
-        error = max(_error(run), error / _largest_fall(implicit))
-        ladder.wanted[j] = min(SAFETY * h * root(TARGET / max(error, 1e-30), _power(implicit, j + 1)), 20.0 * h)
-        if j == 1 or (error > HIDDEN * ladder.kink[ROUGH] and _sticks(run)):
-            ladder.kink[ROUGH] = error
+        error = max(_error(run), error / fall)
+        power = 2 * j + 1 if implicit is None else j + 1  # 1 / exponent of the step in the local error
+        ladder.wanted[j] = min(SAFETY * h * root(TARGET / max(error, 1e-30), power), 20.0 * h)
+        if j == 1 or (error > HIDDEN * ladder.discontinuity[ROUGH] and _sticks(run)):
+            ladder.discontinuity[ROUGH] = error
         if error < least:
             least = error
             for i in range(m):
@@ -527,17 +484,9 @@ def _error_of_discontinuity(run, h):
     the first two, in proportion to the change of slope.  If friction stops a joint within the first step of some
     columns, the differences of these are all alike, and the largest is the first of the others.
     """
-    if run.work.kink[BEFORE] < 0.0 or h < LOCATED * run.plan.least_step:
+    if run.work.discontinuity[BEFORE] < 0.0 or h < LOCATED * run.plan.least_step:
         return 0.0
-    return DISCONTINUOUS * run.work.kink[ROUGH]
-
-
-@inline
-def _largest_fall(implicit):
-    """Return the largest believable fall of the error from one column to the next."""
-    if implicit is None:
-        return FALL_SQUARES
-    return FALL
+    return DISCONTINUOUS * run.work.discontinuity[ROUGH]
 
 
 @inline
@@ -583,30 +532,15 @@ def _smooth(implicit, run):
     return run.offsets[0].after_derived
 
 
-@inline
-def _accept(implicit, run, y):
-    """Take the best values; the watch on chatter stays, Newton iterations are those of the last column."""
-    ladder, offsets = run.work, run.offsets[0]
-    for i in range(_smooth(implicit, run)):
-        y[i] = ladder.best[i]
-    y[offsets.newton_iterations] = ladder.columns.y[offsets.newton_iterations, 0]
-
-
 # ---------------------------------------------------------------------------------------------- order and step
 
 
 @inline
-def _work(count):
-    """Return the work of a step with so many columns: their steps, and one for what comes with it."""
-    return count + 1.0
-
-
-@inline
 def _cheapest(ladder, last, length):
-    """Return the column up to which the work by distance is least."""
+    """Return the column up to which the work by distance is least: its steps, and one for what comes with it."""
     best = 1
     for j in range(2, last + 1):
-        if _work(j + 1) * min(ladder.wanted[best], length) < _work(best + 1) * min(ladder.wanted[j], length):
+        if (j + 2.0) * min(ladder.wanted[best], length) < (best + 2.0) * min(ladder.wanted[j], length):
             best = j
     return best
 
@@ -654,9 +588,9 @@ def _workspace(sizes, zeros):
         table=zeros((LONGEST, size)),
         lanes=np.zeros((3, WIDTH), np.int64),
         wanted=zeros(LONGEST),
-        kink=zeros(4),
+        discontinuity=zeros(4),
         columns=columns,
-        pace=zeros(PACE_SCRATCH),
+        pace=zeros(SIZE),
         implicit=True if sizes.stiff else None,
     )
 

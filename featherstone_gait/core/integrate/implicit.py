@@ -6,12 +6,13 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.lanes import select
+from ..compile.optional import only_if
 from ..compile.structure import structure
 from ..step.advance import advance
-from ..step.context import Scratch, Step
+from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.newton import solve_step
 from ..step.signals import inputs
-from .integrator import NEWTON_TOLERANCE, Integrator, scratch, take_step, thetas
+from .integrator import Integrator, scratch, take_step, thetas
 
 
 @structure
@@ -31,23 +32,11 @@ def implicit_step(work, run, y, t, theta):
     at = Step(
         scene=scene, actuator=act, decay=decay, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
         predicted=work.predicted, t=t, span=h, h=h, h_implicit=theta * h, theta=theta,
-        extrapolation_ratio=_extrapolation_ratio(work.predicted, theta), tolerance=NEWTON_TOLERANCE,
+        extrapolation_ratio=only_if(work.predicted, (1.0 - theta) / theta), tolerance=NEWTON_TOLERANCE,
         W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
     )  # fmt: skip
     solve_step(at)
     advance(at)
-
-
-@inline
-def _extrapolation_ratio(predicted, theta):
-    if predicted is None:
-        return None
-    return (1.0 - theta) / theta
-
-
-@thetas.of(Implicit)
-def _implicit_thetas(work, theta, end):
-    return _thetas(work.predicted, theta, end)
 
 
 @inline
@@ -62,6 +51,9 @@ def _thetas(predicted, theta, end):
         return theta, theta
     steady = theta + 0.0 * end
     return select(end > 0.0, steady, 1.0 + 0.0 * end), steady
+
+
+thetas.of(Implicit)(lambda work, theta, end: _thetas(work.predicted, theta, end))
 
 
 def _euler_workspace(sizes, zeros):

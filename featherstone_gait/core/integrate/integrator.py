@@ -1,4 +1,4 @@
-"""What an integrator is: a record of its properties, and kernels chosen by the type of its workspace.
+"""An integrator: a record of its properties, and kernels chosen by the type of its workspace.
 
 A new integrator is one file with a workspace (a NamedTuple of arrays), a kernel registered for it, and an `Integrator`;
 `__init__.py` lists it; nothing else depends on its name.
@@ -10,17 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.by_type import by_type
+from ..compile.by_type import by_type, overridable
 from ..effects.contact import SCRATCH as CONTACT_SCRATCH
 from ..step.context import Scratch
 from ..step.newton import SCRATCH as JOINT_SCRATCH
 
 RTOL = 1e-8  # error allowed of a step, where none is given
-NEWTON_TOLERANCE = 1e-9  # of the forces of a step of fixed length, relative
 
 
 class Sizes(NamedTuple):
-    """How much room a workspace needs."""
+    """Sizes on which the workspace of an integrator depends."""
 
     n: int  # joints
     floating: bool
@@ -62,13 +61,9 @@ def take_step(work, run, y, t, theta):
     """Move the state y over a step of fixed length from t [s]; theta: see `Plan`."""
 
 
-@by_type
+@overridable
 def thetas(work, theta, end):
     """Return theta of a run's first step and of the others [-]; end: how long the run has gone on before [s]."""
-
-
-@thetas.otherwise
-def _constant(work, theta, end):
     return theta, theta
 
 
@@ -77,14 +72,9 @@ def take_adaptive_step(work, run, y, t, length):
     """Move y over a step of at most `length` [s] from t; return the step, 0 if the tolerance needs one too small."""
 
 
-@by_type
+@overridable
 def begin_run(work, run):
     """Make the workspace ready for the first adaptive step of a run."""
-
-
-@begin_run.otherwise
-def _as_it_is(work, run):
-    pass
 
 
 @by_type
@@ -92,27 +82,19 @@ def begin_interval(work, run, y, t):
     """Take note that something has changed at t [s] since the last step."""
 
 
-@by_type
+@overridable
 def record_within(work, run, y, interval, record, out):
     """Record what lies within the last step, if it lies there; interval: its start, its length, the next grid step.
 
     Returns the next record.
     """
+    return record
 
 
-@by_type
+@overridable
 def ends_on_records(work):
     """Return True if steps end on records, None if records lie anywhere within."""
-
-
-@ends_on_records.otherwise
-def _always(work):
     return True
-
-
-@record_within.otherwise
-def _nothing_within(work, run, y, interval, record, out):
-    return record
 
 
 def scratch(sizes: Sizes, zeros) -> Scratch:

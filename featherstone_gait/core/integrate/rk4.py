@@ -6,11 +6,11 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.structure import structure
-from ..step.context import Scratch, Step
+from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.derivative import derivative
 from ..step.signals import inputs
 from ..tree.kinematics import unit_quaternion
-from .integrator import NEWTON_TOLERANCE, Integrator, scratch, take_step
+from .integrator import Integrator, scratch, take_step
 
 
 @structure

@@ -3,7 +3,7 @@
 from ..compile.jit import entry, inline, kernel
 from ..compile.lanes import any_lane, as_lanes, invert, select
 from ..compile.optional import in_lanes, item, slice_if
-from ..compile.shared import read_now
+from ..compile.outside import read_now
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import apply_delayed, control_tick
@@ -31,7 +31,7 @@ def rollout(run, y, out):
         if k % plan.per_tick == 0 or k == plan.steps:
             dead = inspect(run, t, y)
             if k < plan.steps:  # the tick at the very end is the first of what goes on from here
-                tick(controller_of(run.scene.actuator), run, k, t, y)
+                tick(run, k, t, y)
                 _freeze_ended(dead, run.good, y)
         else:
             _between_ticks(run.scene.firmware.delay, dead, run, k, y)
@@ -63,44 +63,31 @@ def _freeze_ended(dead, good, y):
 
 
 @inline
-def tick(controller, run, k, t, y):
+def tick(run, k, t, y):
     """Let sampled controllers act, at step k: they see the reference as it was a lag ago, of knots or samples."""
-    if controller is not None:
-        _tick_sampled(run.signals.samples, controller, run, k, y)
-        _tick_knots(run.signals.reference, controller, run, k, t, y)
+    _tick(controller_of(run.scene.actuator), run.signals.samples, run.signals.reference, run, k, t, y)
+
+
+@inline
+def _tick(controller, samples, reference, run, k, t, y):
+    u, plan = run.signals, run.plan
+    if controller is not None and (samples is not None or reference is not None):
+        goal = u.drive
+        if samples is not None:
+            goal = samples[k // plan.per_tick]
+        elif reference is not None:
+            evaluate(reference, t - plan.lag + EVENT_MARGIN, goal)
+        goal, noise = commanded(u.program, plan, k, y, goal), item(u.noise, k // plan.per_tick)
+        period, delay = plan.per_tick * plan.h, run.scene.firmware.delay
+        control_tick(controller, delay, run.scene, run.offsets[0], goal, noise, y, period)
 
 
 @inline
 def _between_ticks(delay, dead, run, k, y):
-    if delay is not None:
-        between(delay, run, k, y)
-        _freeze_ended(dead, run.good, y)
-
-
-@inline
-def between(delay, run, k, y):
     """Apply delayed voltages that are due at step k, which is no tick."""
     if delay is not None:
         apply_delayed(delay, run.scene, run.offsets[0], y, k % run.plan.per_tick)
-
-
-@inline
-def _tick_sampled(samples, controller, run, k, y):
-    if samples is not None:
-        j = k // run.plan.per_tick
-        noise = item(run.signals.noise, j)
-        goal = commanded(run.signals.program, run.plan, k, y, samples[j])
-        control_tick(controller, run.scene, run.offsets[0], goal, noise, y, run.plan.per_tick * run.plan.h)
-
-
-@inline
-def _tick_knots(reference, controller, run, k, t, y):
-    if reference is not None:
-        noise = item(run.signals.noise, k // run.plan.per_tick)
-        evaluate(reference, t - run.plan.lag + EVENT_MARGIN, run.signals.drive)
-        period = run.plan.per_tick * run.plan.h
-        goal = commanded(run.signals.program, run.plan, k, y, run.signals.drive)
-        control_tick(controller, run.scene, run.offsets[0], goal, noise, y, period)
+        _freeze_ended(dead, run.good, y)
 
 
 @kernel
@@ -140,9 +127,8 @@ def _fell(frames, run, offsets, y):
         E, up = quaternion_matrix(base_q), plan.upright
         fell = E[6] * up[0] + E[7] * up[1] + E[8] * up[2] < plan.min_upright
         if any_lane(plan.min_height > NEVER):
-            center = center_of_floating(
-                scene.tree, base_q, slice_if(True, y, offsets.q, offsets.base_qd - offsets.q), frames
-            )
+            q = slice_if(True, y, offsets.q, offsets.base_qd - offsets.q)
+            center = center_of_floating(scene.tree, base_q, q, frames)
             fell = fell | (above_ground(scene.contact, center) < plan.min_height)
     return fell
 

@@ -1,6 +1,6 @@
-"""What follows the solution of a step: the state moves on, energies are summed, chatter is watched."""
+"""The end of a step, after its solution: move the state on, sum energies, measure chatter."""
 
-from ..compile.by_type import by_type
+from ..compile.by_type import overridable
 from ..compile.jit import inline
 from ..compile.lanes import select
 from ..compile.optional import any_present, plus_item
@@ -66,16 +66,12 @@ def _joint_energies(forces, step, i, v, w):
     step.y[step.offsets.energy + ENERGIES * i + WORK] += step.h * (T * v)
 
 
-@by_type
+@overridable
 def _driving(friction, step, i, v, w):
     """Return what drives the joint [N m], and add the energies of friction and stops."""
-
-
-@_driving.otherwise
-def _less_friction(friction, step, i, v, w):
     Tf = move_friction(friction, step, i, v)
     Ts = move_stop(step.scene.stops, step, i, v)
-    T, _, _, _, _, _ = joint_force(step, i, v, w)
+    T, _, _, _, _, _ = joint_force(friction, step, i, v, w)
     return T - (Tf + Ts)
 
 

@@ -1,6 +1,5 @@
 """The branches of their laws on which the forces of a step are: where one changes, their slope is discontinuous."""
 
-from ..compile.by_type import by_type
 from ..compile.jit import inline, kernel
 from ..effects.actuator import actuator_branch, rotor_of
 from ..effects.contact import U0, UN, contact_branch, place_contacts
@@ -13,64 +12,42 @@ GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, have no sum 
 
 
 @kernel
-def branches(step):
+def branches(contact, step):
     """Return a number that identifies the branches of the laws at the step's solution."""
     key = 0.0 * step.Z[VN, 0]
     for i in range(len(step.scene.tree) - 1):
         v = step.Z[VN, i]
         w = rotor_speed(rotor_of(step.actuator), step.Z, WN, i, v)
         key = key + _weight(3 * i) * actuator_branch(step.actuator, step, i, v, w)
-        key = key + _weight(3 * i + 1) * stop_branch(
-            step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit
-        )
-        key = key + _weight(3 * i + 2) * _of_friction(step.scene.friction, step, i, v, w)
-    return _with_contacts(step.scene.contact, step, key)
+        angle = step.y[step.offsets.q + i]
+        key = key + _weight(3 * i + 1) * stop_branch(step.scene.stops, i, angle, v, step.h_implicit)
+        key = key + _weight(3 * i + 2) * friction_branch(step.scene.friction, step, i, v, w)
+    if contact is not None:
+        for c in range(len(contact.points)):
+            key = key + _weight(3 * (len(step.scene.tree) - 1) + c) * contact_branch(contact, step, c)
+    return key
 
 
-@by_type
-def _of_friction(friction, step, i, v, w):
-    """Return the way in which dry friction acts in full."""
-
-
-@_of_friction.otherwise
-def _its_own(friction, step, i, v, w):
-    return friction_branch(friction, i, v)
-
-
-@_of_friction.of(GearFriction)
+@friction_branch.of(GearFriction)
 def _and_that_of_loads(friction, step, i, v, w):
     t_m, t_e = loads(friction, step, i, v, w)
     return gear_branch(friction.table[i], v, t_m, t_e)
 
 
 @kernel
-def branches_at_start(step):
-    """Return the same for the start of the step."""
+def branches_at_start(contact, step):
+    """Return the same for the start of a step of Euler's."""
     predict(step.predicted, rotor_of(step.actuator), step)
-    place_contacts(step.scene.contact, step, 0.0)
+    place_contacts(contact, step.predicted, step)
     for i in range(len(step.scene.tree) - 1):
         step.Z[VN, i], step.Z[WN, i] = step.Z[VP, i], step.Z[WK, i]
-        step.Z[VP, i] = (
-            step.Z[VP, i] - step.h_implicit * step.y[step.offsets.qdd + i]
-        )  # what loads depend on: the last acceleration
-    _contacts_at_start(step.scene.contact, step)
-    return branches(step)
-
-
-@inline
-def _contacts_at_start(contact, step):
+        before = step.h_implicit * step.y[step.offsets.qdd + i]
+        step.Z[VP, i] = step.Z[VP, i] - before  # loads depend on the last acceleration
     if contact is not None:
         for c in range(len(contact.points)):
             for k in range(3):
                 step.C[c, UN + k] = step.C[c, U0 + k]
-
-
-@inline
-def _with_contacts(contact, step, key):
-    if contact is not None:
-        for c in range(len(contact.points)):
-            key = key + _weight(3 * (len(step.scene.tree) - 1) + c) * contact_branch(contact, step, c)
-    return key
+    return branches(contact, step)
 
 
 @inline

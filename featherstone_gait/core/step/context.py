@@ -1,4 +1,4 @@
-"""What a step reads and writes: constants of the scene, the course of a run, and everything of one step.
+"""Data of a step: constants of the scene, the course of a run, and everything of one step.
 
 What a scene lacks is None, and costs nothing.  Numba leaves out what an *argument* that is None makes unreachable, not
 what an attribute does: functions take what may be absent as their first argument, and the context after it.
@@ -12,6 +12,8 @@ import numpy as np
 from ..compile.structure import structure
 from ..effects.firmware import Firmware
 from .signals import Signals
+
+NEWTON_TOLERANCE = 1e-9  # of the forces of a step of fixed length, relative
 
 
 @structure
@@ -62,7 +64,7 @@ class Plan(NamedTuple):
 
 @structure
 class Scratch(NamedTuple):
-    """What every step overwrites."""
+    """Scratch arrays, which every step overwrites."""
 
     W: np.ndarray  # tree: see tree/layout.py
     Z: np.ndarray  # joints: see newton.py

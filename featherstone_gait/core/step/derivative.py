@@ -4,20 +4,19 @@ Between controller ticks the parts of `y` up to the voltages obey it; torques, c
 outputs of each evaluation.
 """
 
-from ..compile.by_type import by_type
+from ..compile.by_type import overridable
 from ..compile.jit import inline
 from ..compile.optional import item_or_zero, plus_item, slice_if
 from ..effects.actuator import actuator_rates
 from ..effects.contact import contact_rates
 from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
-from ..effects.external import external_forces
 from ..effects.friction import direction, friction_rates
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.stop import stop_rates
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
-from .newton import CJ, DIAGONAL, TAU, accelerations
+from .newton import CJ, DIAGONAL, TAU, accelerations, external_forces
 
 
 @inline
@@ -28,7 +27,12 @@ def derivative(step, dy):
     q, v, a = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
     motion_pass(scene.tree, scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
     for i in range(n):
-        _joint_rates(step, dy, i)
+        speed = v[i]
+        T, Tf = _drive_and_friction(scene.friction, step, dy, i, speed)
+        T = plus_item(T, step.tau, i)
+        y[offsets.torque + i] = T + 0.0 * speed
+        dy[offsets.energy + ENERGIES * i + WORK] = T * speed
+        step.Z[TAU, i] = T + (Tf + stop_rates(scene.stops, step, dy, i, speed))
     contact_rates(scene.contact, step, dy)
     external_forces(scene.push, scene.springs, step)
     accelerations(_armature(scene.friction, step), scene.contact, step, a)
@@ -52,24 +56,9 @@ def _base_rates(bq, bv, step, dy):
             dy[offsets.base_qd + k] = a[k]
 
 
-@inline
-def _joint_rates(step, dy, i):
-    """Set the torque on the joint, rates of the actuator and of those energies that something changes."""
-    v, E = step.y[step.offsets.qd + i], step.offsets.energy + ENERGIES * i
-    T, Tf = _drive_and_friction(step.scene.friction, step, dy, i, v)
-    T = plus_item(T, step.tau, i)
-    step.y[step.offsets.torque + i] = T + 0.0 * v
-    dy[E + WORK] = T * v
-    step.Z[TAU, i] = T + (Tf + stop_rates(step.scene.stops, step, dy, i, v))
-
-
-@by_type
+@overridable
 def _drive_and_friction(friction, step, dy, i, v):
     """Return torques of actuator and friction [N m], with their rates in dy."""
-
-
-@_drive_and_friction.otherwise
-def _each(friction, step, dy, i, v):
     Tf = friction_rates(friction, step.actuator, step, dy, i, v)
     return actuator_rates(step.actuator, step, dy, i, v), Tf
 
@@ -77,19 +66,12 @@ def _each(friction, step, dy, i, v):
 @_drive_and_friction.of(GearFriction)
 def _by_load(friction, step, dy, i, v):
     """Return both, friction without its share of the acceleration, CJ A dv/dt, which lessens the armature."""
-    f, A, Z, loss = (
-        friction.table[i],
-        item_or_zero(step.scene.armature, i),
-        step.Z,
-        step.offsets.energy + ENERGIES * i + LOSS,
-    )
+    f, A, Z = friction.table[i], item_or_zero(step.scene.armature, i), step.Z
+    loss = step.offsets.energy + ENERGIES * i + LOSS
     dy[loss] = 0.0 * v
-    T, b, viscous = (
-        actuator_rates(step.actuator, step, dy, i, v),
-        A * step.y[step.offsets.qdd + i],
-        f.viscous_friction * v,
-    )
-    x, _ = direction(f, step, i, v)
+    T = actuator_rates(step.actuator, step, dy, i, v)
+    b, viscous = A * step.y[step.offsets.qdd + i], f.viscous_friction * v
+    x, _ = direction(step.extrapolation_ratio, f, step, i, v)
     Tf, _, _, by_b = gear_friction(f, stribeck(f, v), x, T, b + viscous)
     Z[CJ, i], Z[DIAGONAL, i] = by_b, A * (1.0 - by_b)
     Tf = Tf - (viscous + by_b * b)
@@ -97,29 +79,18 @@ def _by_load(friction, step, dy, i, v):
     return T, Tf
 
 
-@by_type
+@overridable
 def _armature(friction, step):
     """Return the inertia to be added to the joints' (n,) [kg m^2], None if there is none."""
-
-
-@_armature.otherwise
-def _its_own(friction, step):
     return step.scene.armature
 
 
-@_armature.of(GearFriction)
-def _lessened(friction, step):
-    return step.Z[DIAGONAL]
+_armature.of(GearFriction)(lambda friction, step: step.Z[DIAGONAL])
 
 
-@by_type
+@overridable
 def _friction_of_acceleration(friction, step, dy):
     """Add the power of friction's share of the acceleration to dy."""
-
-
-@_friction_of_acceleration.otherwise
-def _no_share(friction, step, dy):
-    pass
 
 
 @_friction_of_acceleration.of(GearFriction)

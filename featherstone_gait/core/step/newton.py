@@ -23,7 +23,7 @@ Joints that follow others confine v to a subspace, in which the function is as c
 forces of couplings do no work along a pass: neither its slope nor what is compared knows them.
 """
 
-from ..compile.by_type import by_type
+from ..compile.by_type import overridable
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
 from ..compile.optional import any_present, item_or_zero, only_if, plus_item, slice_if
@@ -38,9 +38,10 @@ from ..effects.contact import (
     shifted,
     solved_contacts,
 )
-from ..effects.external import external_forces
 from ..effects.friction import direction, friction_torque, snap_to_rest
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
+from ..effects.push import add_pushes
+from ..effects.spring import add_springs
 from ..effects.stop import stop_torque
 from ..tree.aba import acceleration_pass, articulated_pass, constrain
 from ..tree.kinematics import motion_pass, move_base
@@ -85,10 +86,26 @@ def solve_step(step):
     A lane that has converged repeats its last pass to the same bits while its neighbors go on.
     """
     predict(step.predicted, rotor_of(step.actuator), step)
-    place_contacts(step.scene.contact, step, _lookahead_time(step.predicted, step.h_implicit))
+    place_contacts(step.scene.contact, step.predicted, step)
     external_forces(step.scene.push, step.scene.springs, step)
     forces = any_present(any_present(acting(step), step.tau), step.scene.contact)
     _find_velocities(forces, rotor_of(step.actuator), step.scene.contact, step)
+
+
+@inline
+def external_forces(push, springs, step):
+    """Fill F (n + 1, 6) with pushes and springs, as [moment; force] about the common origin; nothing where none acts.
+
+    It is the sum of all external forces on the bodies that are not folded into the step.
+    """
+    if push is not None or springs is not None:
+        for i in range(len(step.F)):
+            for k in range(6):
+                step.F[i, k] = 0.0
+    if push is not None:
+        add_pushes(push, step.t, step.span, step.W, step.F)
+    if springs is not None:
+        add_springs(springs, step.W, step.F)
 
 
 @inline
@@ -126,14 +143,6 @@ def _find_velocities(forces, rotor, contact, step):
 # ---------------------------------------------------------------------------------------------- the predicted state
 
 
-@inline
-def _lookahead_time(predicted, h_implicit):
-    """Return how far the predicted state lies ahead of the step's start [s]."""
-    if predicted is None:
-        return 0.0
-    return h_implicit
-
-
 @kernel
 def predict(predicted, rotor, step):
     """Fill W and Z with poses, velocities and bias at the predicted state; the iteration starts there."""
@@ -153,13 +162,10 @@ def predict(predicted, rotor, step):
             Z[VP, i] = predicted[n + i]
         ba = slice_if(step.scene.floating, y, offsets.base_qdd, 6)
         _predict_base(bq, bv, ba, predicted, 2 * n, step.h_implicit)
-        bq, bv = (
-            slice_if(step.scene.floating, predicted, 2 * n, 7),
-            slice_if(step.scene.floating, predicted, 2 * n + 7, 6),
-        )
-        motion_pass(
-            step.scene.tree, step.scene.gravity, Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a), step.W
-        )
+        bq = slice_if(step.scene.floating, predicted, 2 * n, 7)
+        bv = slice_if(step.scene.floating, predicted, 2 * n + 7, 6)
+        motion = Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a)
+        motion_pass(step.scene.tree, step.scene.gravity, motion, step.W)
     for i in range(n):
         Z[VK, i] = Z[VP, i]
         if rotor is not None:
@@ -167,14 +173,9 @@ def predict(predicted, rotor, step):
     _begin_friction(step.scene.friction, step)
 
 
-@by_type
+@overridable
 def _begin_friction(friction, step):
-    pass
-
-
-@_begin_friction.otherwise
-def _nothing_falls(friction, step):
-    pass
+    """Store what friction takes at the predicted speeds."""
 
 
 @_begin_friction.of(GearFriction)
@@ -194,29 +195,19 @@ def _predict_base(bq, bv, ba, predicted, start, h_implicit):
 # ---------------------------------------------------------------------------------------------- forces of a joint
 
 
-@inline
-def joint_force(step, i, v, w):
+@overridable
+def joint_force(friction, step, i, v, w):
     """Return the torque on joint i at the speeds v, w of joint and rotor, with slopes: see effects/actuator.py.
 
     Returns T, F, c, cg and cr of all that acts, and dT/dw: no other than cg, unless friction knows the load.
     """
-    return _joint_force(step.scene.friction, step, i, v, w)
-
-
-@by_type
-def _joint_force(friction, step, i, v, w):
-    pass
-
-
-@_joint_force.otherwise
-def _with_friction(friction, step, i, v, w):
     Tf, cf = friction_torque(friction, step, i, v)
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
     T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, plus_item(Tf + Ts, step.tau, i), cf + cs)
     return T, F, c, cg, cr, cg
 
 
-@_joint_force.of(GearFriction)
+@joint_force.of(GearFriction)
 def _with_gear_friction(friction, step, i, v, w):
     Tm, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, 0.0 * v, 0.0 * v)
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
@@ -230,7 +221,7 @@ def gear_friction_torque(friction, step, i, v, Tm):
     """Return a gear's friction [N m] under the drive Tm [N m], its slope -d/dv at fixed Tm, and the slope by Tm."""
     f = friction.table[i]
     A, B = item_or_zero(step.scene.armature, i), f.viscous_friction
-    x, slope = direction(f, step, i, v)
+    x, slope = direction(step.extrapolation_ratio, f, step, i, v)
     T, by_x, by_m, by_b = gear_friction(f, step.Z[STRIBECK, i], x, Tm, A * _acceleration(step, i, v) + B * v)
     return T - B * v, B - by_x * slope - by_b * (A / step.h_implicit + B), by_m
 
@@ -272,10 +263,9 @@ def rotor_speed(rotor, Z, row, i, otherwise):
 def _solve_free(armature, predicted, step):
     """Solve for bodies on which nothing acts; Z[TAU] is zero to begin with."""
     Z, n = step.Z, len(step.scene.tree) - 1
-    if armature is not None:
-        if predicted is not None:
-            for i in range(n):
-                Z[TAU, i] = -armature[i] * step.y[step.offsets.qdd + i]
+    if armature is not None and predicted is not None:
+        for i in range(n):
+            Z[TAU, i] = -armature[i] * step.y[step.offsets.qdd + i]
     accelerations(armature, None, step, Z[DA])
     for i in range(n):
         Z[VN, i] = Z[VP, i] + step.h_implicit * Z[DA, i]
@@ -298,7 +288,7 @@ def _linearize(rotor, step):
     Z = step.Z
     for i in range(len(step.scene.tree) - 1):
         v, w = Z[VK, i], Z[WK, i]
-        T, F, c, cg, cr, ct = joint_force(step, i, v, w)
+        T, F, c, cg, cr, ct = joint_force(step.scene.friction, step, i, v, w)
         Z[T0, i] = T + c * v
         Z[CJ, i] = c
         if rotor is not None:
@@ -349,7 +339,7 @@ def _compare(rotor, contact, step):
     wrong = slope > 1.0
     for i in range(len(step.scene.tree) - 1):
         v, w = Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0)
-        T, F, _, _, _, _ = joint_force(step, i, v, w)
+        T, F, _, _, _, _ = joint_force(step.scene.friction, step, i, v, w)
         least = FLOOR + select(Z[CJ, i] > STEEPEST, ROUNDING * (Z[CJ, i] * abs(v)), 0.0 * v)
         wrong = wrong | (abs(T - Z[TL, i]) > step.tolerance * (abs(T) + abs(Z[TL, i])) + least)
         slope = slope + (v - Z[VK, i]) * (Z[TL, i] - T)
@@ -379,7 +369,7 @@ def _slope(rotor, contact, step, fraction):
         p = Z[VN, i] - Z[VK, i]
         pw = rotor_speed(rotor, Z, WN, i, 0.0) - rotor_speed(rotor, Z, WK, i, 0.0)
         w = rotor_speed(rotor, Z, WK, i, 0.0) + fraction * pw
-        T, F, _, _, _, _ = joint_force(step, i, Z[VK, i] + fraction * p, w)
+        T, F, _, _, _, _ = joint_force(step.scene.friction, step, i, Z[VK, i] + fraction * p, w)
         slope = slope + p * (Z[RT, i] + fraction * (Z[TL, i] - Z[RT, i]) - T)
         if rotor is not None:
             slope = slope + pw * (Z[RW, i] + fraction * (Z[FLW, i] - Z[RW, i]) - F)

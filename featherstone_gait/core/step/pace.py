@@ -1,4 +1,4 @@
-"""What error-controlled integrators share: the numbers that they go by, the error's scale, the end of the interval."""
+"""Step control, common to the adaptive integrators: its numbers, the scale of errors, the end of the interval."""
 
 from ..compile.elementary import exp
 from ..compile.jit import inline, kernel
@@ -19,7 +19,7 @@ GRID = 8  # grid step at which the interval began, plus 1; 0 of a run that has n
 INSIDE = 9  # time since [s], -1 of an interval that is still to begin
 EVENT = 10  # at which the smooth part of the interval ends, by that clock [s]
 NEXT = 11  # record
-PACE_SCRATCH = 12
+SIZE = 12  # of the array
 
 
 @inline

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.by_type import NoneType, by_type
+from ..compile.by_type import overridable
 from ..compile.jit import kernel
 from ..compile.lanes import flat, width_of
 from ..compile.outside import call_outside
@@ -40,24 +40,20 @@ class Program(NamedTuple):
     )  # fmt: skip
 
 
-@by_type
+@overridable
 def commanded(program, plan, k, y, reference):
-    """Return what controllers follow at the step k (n, 2)."""
-
-
-@commanded.of(NoneType)
-def _the_reference(program, plan, k, y, reference):
+    """Return what controllers follow at the step k (n, 2); the reference without a program."""
     return reference
 
 
 @commanded.of(Program)
 def _its_command(program, plan, k, y, reference):
-    act(program, plan, k, y, reference)
+    act(program.replaces, program, plan, k, y, reference)
     return program.command
 
 
 @kernel
-def act(program, plan, k, y, reference):
+def act(replaces, program, plan, k, y, reference):
     """Call the controller of each lane whose turn it is."""
     width, clock, memory, command = width_of(y), flat(program.clock), flat(program.memory), flat(program.command)
     given, numbers = flat(reference), flat(y)
@@ -70,7 +66,9 @@ def act(program, plan, k, y, reference):
                 program.state[i] = numbers[i * width + lane]
             for i in range(len(program.reference)):
                 program.reference[i] = given[i * width + lane]
-                program.own_command[i] = _preset(program.replaces, program.reference[i])
+                program.own_command[i] = 0.0
+                if replaces is None:
+                    program.own_command[i] = program.reference[i]
             for i in range(len(program.own_memory)):
                 program.own_memory[i] = memory[i * width + lane]
             arrays = (
@@ -83,17 +81,3 @@ def act(program, plan, k, y, reference):
             for i in range(len(program.own_memory)):
                 memory[i * width + lane] = program.own_memory[i]
 
-
-@by_type
-def _preset(replaces, x):
-    pass
-
-
-@_preset.of(NoneType)
-def _as_given(replaces, x):
-    return x
-
-
-@_preset.otherwise
-def _zero(replaces, x):
-    return 0.0

@@ -23,7 +23,7 @@ class Knots(NamedTuple):
 
 @structure
 class Signals(NamedTuple):
-    """What comes from outside, and the arrays in which its present values stand."""
+    """Inputs from outside, and the arrays with their present values."""
 
     reference: Knots | None
     drive: np.ndarray  # (n, 2) reference and its rate
@@ -88,23 +88,17 @@ def next_knot(knots, t):
 @inline
 def inputs(signals, t):
     """Bring torques and the references of continuous servos to the time t."""
-    _evaluate_torques(signals.torques, signals.torque_values, signals.tau, t)
-    _evaluate_drive(signals.reference, signals.drive, signals.continuous, t)
+    _inputs(signals.torques, signals.continuous, signals.reference, signals, t)
 
 
 @inline
-def _evaluate_torques(torques, values, tau, t):
+def _inputs(torques, continuous, reference, signals, t):
     if torques is not None:
-        evaluate(torques, t, values)
-        for i in range(len(tau)):
-            tau[i] = values[i, 0]
-
-
-@inline
-def _evaluate_drive(reference, drive, continuous, t):
-    if continuous is not None:
-        if reference is not None:
-            evaluate(reference, t, drive)
+        evaluate(torques, t, signals.torque_values)
+        for i in range(len(signals.tau)):
+            signals.tau[i] = signals.torque_values[i, 0]
+    if continuous is not None and reference is not None:
+        evaluate(reference, t, signals.drive)
 
 
 @entry

@@ -27,7 +27,7 @@ Of = Literal["base", "joint", "servo", "rotor", "point", "run", "profile", "dela
 
 
 class Channel(NamedTuple):
-    """What a recorded number is."""
+    """A quantity of the state or of a record."""
 
     name: str
     kind: Kind
@@ -71,14 +71,7 @@ CHANNELS = (
     Channel("velocity_change", "watched", "joint", 1, "rad/s or m/s", "last change of qd"),
     Channel("chatter", "watched", "joint", 1, "rad/s or m/s", "running mean of alternating less lasting changes of qd"),
     Channel("worst_chatter", "watched", "joint", 1, "rad/s or m/s", "the largest chatter so far"),
-    Channel(
-        "newton_iterations",
-        "watched",
-        "run",
-        2,
-        "-",
-        "passes of Newton's iteration, steps in which it did not converge",
-    ),
+    Channel("newton_iterations", "watched", "run", 2, "-", "Newton passes, and steps in which they did not converge"),
     Channel("step_control", "run", "run", PACE, "-", "of error control"),
     Channel("status", "run", "run", 1, "-", "how the run has ended"),
     Channel("end_time", "run", "run", 1, "s", "time reached, of a run that failed the time of that"),
@@ -92,17 +85,8 @@ IN_STATE = tuple(channel for channel in CHANNELS if channel.kind != "computed")
 RECORDABLE = [c.name for c in CHANNELS if c.kind != "run" and c.name not in ("last_error", "delayed")]
 
 # Where each channel starts in `y`, and where the kinds end.
-STATE = np.dtype(
-    [(channel.name, np.int64) for channel in IN_STATE]
-    + [
-        ("after_coordinates", np.int64),
-        ("after_controlled", np.int64),
-        ("after_integrated", np.int64),
-        ("before_derived", np.int64),
-        ("after_derived", np.int64),
-        ("length", np.int64),  # of the state
-    ]
-)
+_ENDS = ("after_coordinates", "after_controlled", "after_integrated", "before_derived", "after_derived")
+STATE = np.dtype([(name, np.int64) for name in (*(channel.name for channel in IN_STATE), *_ENDS, "length")])
 
 
 def lay_out(counts: dict[str, int]) -> np.recarray:

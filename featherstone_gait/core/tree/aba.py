@@ -20,21 +20,7 @@ from .joint import accelerate, project
 from .kinematics import base_acceleration, motion_pass
 from .layout import DINV, SF, SH, SJ, SM, TOUCH, UU, R, U
 from .rigid_body import inertial_force, mass_center
-from .spatial import (
-    about_origin,
-    accumulate3,
-    add,
-    choose,
-    dot,
-    load3,
-    load6,
-    load9,
-    rotate,
-    scale,
-    solve6,
-    store3,
-    sub,
-)  # fmt: skip
+from .spatial import about_origin, accumulate3, add, choose, dot, load3, load9, rotate, scale, solve6, store3, sub
 
 
 @kernel
@@ -48,13 +34,7 @@ def aba(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
     articulated_pass(robot.tree, motion.base_q, base_tau, tau, robot.armature, wrench, None, W)
     constrain(robot.coupling, motion.base_q, None, robot.tree, W)
     acceleration_pass(robot.tree, W, qdd)
-    _base(motion.base_q, base_qdd, W)
-
-
-@inline
-def _base(base_q, base_qdd, W):
-    if base_q is not None:
-        base_acceleration(base_qdd, W)
+    base_acceleration(base_qdd, W)
 
 
 # ------------------------------------------------------------------------- pass 2, tips to root: IA, pA, U, D and u
@@ -100,7 +80,7 @@ def _with_children(b, J, h, n, f, W):
         M = (b.m, 0.0, 0.0, b.m, 0.0, b.m)
         return J, H, M, n, f
     k = b.slot
-    cH, cM = load9(W, k, SH), load6(W, k, SM)
+    cH, cM = load9(W, k, SH), load3(W, k, SM) + load3(W, k, SM + 3)
     J = add(J[:3], load3(W, k, SJ)) + add(J[3:], load3(W, k, SJ + 3))
     H = (cH[0], cH[1] - h[2], cH[2] + h[1], cH[3] + h[2], cH[4], cH[5] - h[0], cH[6] - h[1], cH[7] + h[0], cH[8])
     M = (b.m + cM[0], cM[1], cM[2], b.m + cM[3], cM[4], b.m + cM[5])
@@ -172,16 +152,11 @@ def constrain(coupling, base_q, contact, tree, W):
     `coupling` None: there are none; base_q and contact as the first pass had them.
     """
     if coupling is not None:
-        _constrain(base_q, coupling, contact, tree, W)
-
-
-@inline
-def _constrain(base_q, coupling, contact, tree, W):
-    if base_q is None:
-        couple(None, coupling, tree, W)
-    else:
-        J, H, M, _, _ = _articulated_body(tree[0], 0, None, contact, W)
-        couple((J, H, M), coupling, tree, W)
+        if base_q is None:
+            couple(None, coupling, tree, W)
+        else:
+            J, H, M, _, _ = _articulated_body(tree[0], 0, None, contact, W)
+            couple((J, H, M), coupling, tree, W)
 
 
 # ------------------------------------------------------------------------- pass 3, root to tips: qdd and dA

@@ -24,16 +24,13 @@ def _row(motion, i):
     )
 
 
-@inline
-def _aba_all(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
+def aba_rows(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
+    """Call `aba` for each row of the arrays; W (1, rows, columns)."""
     for i in range(len(tau)):
         aba(robot, _row(motion, i), item(base_tau, i), tau[i], item(wrench, i), W[0], item(base_qdd, i), qdd[i])
 
 
-@entry
-def aba_rows(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
-    """Call `aba` for each row of the arrays; W (1, rows, columns)."""
-    _aba_all(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd)
+aba_rows, _aba_all = entry(aba_rows), inline(aba_rows)
 
 
 @entry
@@ -43,16 +40,13 @@ def aba_lanes(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
     _aba_all(robot, in_lanes(motion), seen[0], seen[1], seen[2], in_lanes(W), in_lanes(base_qdd), in_lanes(qdd))
 
 
-@inline
-def _rnea_all(robot, motion, wrench, W, base_tau, tau):
+def rnea_rows(robot, motion, wrench, W, base_tau, tau):
+    """Call `rnea` for each row of the arrays; W (1, rows, columns)."""
     for i in range(len(tau)):
         rnea(robot, _row(motion, i), item(wrench, i), W[0], item(base_tau, i), tau[i])
 
 
-@entry
-def rnea_rows(robot, motion, wrench, W, base_tau, tau):
-    """Call `rnea` for each row of the arrays; W (1, rows, columns)."""
-    _rnea_all(robot, motion, wrench, W, base_tau, tau)
+rnea_rows, _rnea_all = entry(rnea_rows), inline(rnea_rows)
 
 
 @entry

@@ -17,24 +17,20 @@ where G leads from independent accelerations to all: exact, without a stiffness,
 which `follow` takes away.
 """
 
-import numpy as np
-
 from ..compile.jit import inline, kernel
+from ..compile.structure import record
 from .joint import along
 from .layout import COLUMNS, DINV, UU, U
 from .spatial import add, load3, scale, solve6, store3
 
-COUPLING = np.dtype(
-    [
-        ("body", np.int64),  # row of the follower's body
-        ("dof", np.int64),  # index of its coordinate among the joints
-        ("leader", np.int64),  # row of the leader's body
-        ("leader_dof", np.int64),
-        ("row", np.int64),  # of the workspace: what the coupling does to the root
-        ("multiplier", np.float64),  # [-, m/rad or rad/m]
-        ("offset", np.float64),  # [rad or m]
-    ],
-    align=True,
+COUPLING = record(
+    body=int,  # row of the follower's body
+    dof=int,  # index of its coordinate among the joints
+    leader=int,  # row of the leader's body
+    leader_dof=int,
+    row=int,  # of the workspace: what the coupling does to the root
+    multiplier=float,  # [-, m/rad or rad/m]
+    offset=float,  # [rad or m]
 )
 
 # Columns of a coupling's row; its u of the joint of body i stands in that body's row, column COLUMNS + coupling.
@@ -72,7 +68,11 @@ def _respond(root, k, column, tree, W):
         W[k.row, i] = 0.0
     _push(tree, k.body, 1.0, column, k.row, W)
     _push(tree, k.leader, -k.multiplier, column, k.row, W)
-    _move_root(root, k.row, W)
+    if root is not None:
+        J, H, M = root
+        a = solve6(J, H, M, load3(W, k.row, ROOT), load3(W, k.row, ROOT + 3))
+        store3(W, k.row, DA, (-a[0], -a[1], -a[2]))
+        store3(W, k.row, DA + 3, (-a[3], -a[4], -a[5]))
 
 
 @kernel
@@ -90,15 +90,6 @@ def _push(tree, i, torque, column, row, W):
     for k in range(3):
         W[row, ROOT + k] += n[k]
         W[row, ROOT + 3 + k] += f[k]
-
-
-@inline
-def _move_root(root, row, W):
-    if root is not None:
-        J, H, M = root
-        a = solve6(J, H, M, load3(W, row, ROOT), load3(W, row, ROOT + 3))
-        store3(W, row, DA, (-a[0], -a[1], -a[2]))
-        store3(W, row, DA + 3, (-a[3], -a[4], -a[5]))
 
 
 @kernel

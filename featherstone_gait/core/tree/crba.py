@@ -32,8 +32,11 @@ def _columns(tree, base_q, armature, W, H):
         if armature is not None:
             H[first + b.dof, first + b.dof] += armature[b.dof]
         _to_parent(tree[b.parent].slot, b.last, J, h, m, W)
-        if base_q is not None:
-            _base_rows(first + b.dof, n, f, W, H)
+        if base_q is not None:  # the coupling of the joint with the base: force in world axes, moment in body axes
+            n = rotate_back(load9(W, 0, R), n)
+            for j in range(3):
+                H[j, first + b.dof] = H[first + b.dof, j] = f[j]
+                H[3 + j, first + b.dof] = H[first + b.dof, 3 + j] = n[j]
     if base_q is not None:
         _base_block(_composite(tree[0], 0, W), W, H)
 
@@ -57,8 +60,7 @@ def _column(tree, i, n, f, first, H, W):
     while j > 0:
         b = tree[j]
         x = along(b, j, n, f, W)
-        H[first + b.dof, column] = x
-        H[column, first + b.dof] = x
+        H[first + b.dof, column] = H[column, first + b.dof] = x
         j = b.parent
 
 
@@ -74,17 +76,6 @@ def _to_parent(slot, first, J, h, m, W):
 
 
 @inline
-def _base_rows(column, n, f, W, H):
-    """Fill the coupling of a joint with the base: force in world axes, moment in body axes."""
-    n = rotate_back(load9(W, 0, R), n)
-    for k in range(3):
-        H[k, column] = f[k]
-        H[column, k] = f[k]
-        H[3 + k, column] = n[k]
-        H[column, 3 + k] = n[k]
-
-
-@inline
 def _base_block(inertia, W, H):
     """Fill the base's own 6 x 6 block."""
     J, h, m = inertia
@@ -96,8 +87,6 @@ def _base_block(inertia, W, H):
         n = rotate_back(E, symmetric(J, s))
         f = cross(s, h)
         for j in range(k + 1):  # symmetric to the last bit
-            H[3 + j, 3 + k] = n[j]
-            H[3 + k, 3 + j] = n[j]
+            H[3 + j, 3 + k] = H[3 + k, 3 + j] = n[j]
         for j in range(3):
-            H[j, 3 + k] = f[j]
-            H[3 + k, j] = f[j]
+            H[j, 3 + k] = H[3 + k, j] = f[j]

@@ -18,26 +18,23 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import entry, kernel
-from ..compile.structure import structure
+from ..compile.structure import record, structure
 from .spatial import add, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
 
-SHAPE = np.dtype(
-    [
-        ("link", np.int64),  # index of the link that carries it
-        ("first", np.int64),  # of its corners; it has none unless it is a hull
-        ("corners", np.int64),
-        ("first_normal", np.int64),  # of its faces; those of a box are not listed
-        ("normals", np.int64),
-        ("first_edge", np.int64),  # of the directions of its edges, likewise
-        ("edges", np.int64),
-        ("E", np.float64, (9,)),  # rotation shape -> link, row by row
-        ("r", np.float64, (3,)),  # center in the link's frame [m]
-        ("half", np.float64, (3,)),  # half edges of the box in the core [m]
-        ("disc", np.float64),  # radius of the disc about z in the core [m]
-        ("radius", np.float64),  # of the ball [m]
-        ("bound", np.float64),  # radius of a sphere about the center that holds all of the shape [m]
-    ],
-    align=True,
+SHAPE = record(
+    link=int,  # index of the link that carries it
+    first=int,  # of its corners; it has none unless it is a hull
+    corners=int,
+    first_normal=int,  # of its faces; a box has none in the table
+    normals=int,
+    first_edge=int,  # of the directions of its edges, likewise
+    edges=int,
+    E=(float, 9),  # rotation shape -> link, row by row
+    r=(float, 3),  # center in the link's frame [m]
+    half=(float, 3),  # half edges of the box in the core [m]
+    disc=float,  # radius of the disc about z in the core [m]
+    radius=float,  # of the ball [m]
+    bound=float,  # radius of a sphere about the center that holds all of the shape [m]
 )
 
 
@@ -53,7 +50,7 @@ class Shapes(NamedTuple):
 
 @structure
 class Room(NamedTuple):
-    """What is overwritten."""
+    """Scratch arrays, which each call overwrites."""
 
     E: np.ndarray  # (shapes, 9) rotations shape -> world
     r: np.ndarray  # (shapes, 3) centers in the world [m]
@@ -70,7 +67,13 @@ LEAST_SQUARE = 1e-24  # of a direction's length; shorter ones are none
 def support(shape, corners, u):
     """Return the core's farthest point (3) in a direction u (3), both in the shape's frame [m]."""
     if shape.corners > 0:
-        return _farthest_corner(shape, corners, u)
+        best = shape.first
+        most = dot(vector(corners[best]), u)
+        for k in range(shape.first + 1, shape.first + shape.corners):
+            height = dot(vector(corners[k]), u)
+            if height > most:
+                most, best = height, k
+        return vector(corners[best])
     x = shape.half[0] if u[0] >= 0.0 else -shape.half[0]
     y = shape.half[1] if u[1] >= 0.0 else -shape.half[1]
     z = shape.half[2] if u[2] >= 0.0 else -shape.half[2]
@@ -78,18 +81,6 @@ def support(shape, corners, u):
     if shape.disc > 0.0 and across > 0.0:
         return (x + shape.disc * (u[0] / across), y + shape.disc * (u[1] / across), z)
     return (x, y, z)
-
-
-@kernel
-def _farthest_corner(shape, corners, u):
-    best = shape.first
-    most = dot(vector(corners[best]), u)
-    for k in range(shape.first + 1, shape.first + shape.corners):
-        height = dot(vector(corners[k]), u)
-        if height > most:
-            most = height
-            best = k
-    return vector(corners[best])
 
 
 @kernel
@@ -109,19 +100,6 @@ def _on_edge(p, q):
         return 0.0, False
     t = -dot(p, d) / length
     return t, 0.0 < t < 1.0
-
-
-@kernel
-def _on_face(p, q, r):
-    """Return the same of a triangle: weights of q and r."""
-    d, e = sub(q, p), sub(r, p)
-    n = cross(d, e)
-    area = dot(n, n)
-    if not area > 0.0:
-        return 0.0, 0.0, False
-    s = -dot(cross(p, e), n) / area
-    t = -dot(cross(d, p), n) / area
-    return s, t, s > 0.0 and t > 0.0 and s + t < 1.0
 
 
 @kernel
@@ -165,11 +143,15 @@ def _nearer_face(S, without, v, least, used):
     i = 1 if without == 0 else 0
     j = 2 if without <= 1 else 1
     k = 3 if without <= 2 else 2
-    s, t, between = _on_face(vector(S[i]), vector(S[j]), vector(S[k]))
     p = vector(S[i])
-    p = add(p, add(scale(sub(vector(S[j]), p), s), scale(sub(vector(S[k]), p), t)))
-    if between and dot(p, p) < least:
-        return p, dot(p, p), (1 << i) | (1 << j) | (1 << k)
+    d, e = sub(vector(S[j]), p), sub(vector(S[k]), p)
+    n = cross(d, e)
+    area = dot(n, n)
+    if area > 0.0:
+        s, t = -dot(cross(p, e), n) / area, -dot(cross(d, p), n) / area
+        p = add(p, add(scale(d, s), scale(e, t)))
+        if s > 0.0 and t > 0.0 and s + t < 1.0 and dot(p, p) < least:
+            return p, dot(p, p), (1 << i) | (1 << j) | (1 << k)
     return v, least, used
 
 

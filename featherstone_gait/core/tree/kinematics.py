@@ -40,19 +40,13 @@ def _root(base_q, base_qd, base_qdd, gravity, W):
         store9(W, 0, R, E)
         store3(W, 0, V, w)
         store3(W, 0, V + 3, v)
-        _root_acceleration(E, w, v, base_qdd, up, W)
-
-
-@inline
-def _root_acceleration(E, w, v, base_qdd, up, W):
-    """Fill the spatial acceleration of the base, whose linear part is the origin's less w x v."""
-    linear = sub(up, cross(w, v))
-    if base_qdd is None:
-        store3(W, 0, A, (0.0, 0.0, 0.0))
-        store3(W, 0, A + 3, linear)
-    else:
-        store3(W, 0, A, rotate(E, (base_qdd[3], base_qdd[4], base_qdd[5])))
-        store3(W, 0, A + 3, add(linear, (base_qdd[0], base_qdd[1], base_qdd[2])))
+        linear = sub(up, cross(w, v))  # of the spatial acceleration: the origin's less w x v
+        if base_qdd is None:
+            store3(W, 0, A, (0.0, 0.0, 0.0))
+            store3(W, 0, A + 3, linear)
+        else:
+            store3(W, 0, A, rotate(E, (base_qdd[3], base_qdd[4], base_qdd[5])))
+            store3(W, 0, A + 3, add(linear, (base_qdd[0], base_qdd[1], base_qdd[2])))
 
 
 @inline
@@ -75,11 +69,15 @@ def quaternion_matrix(base_q):
 
 @inline
 def base_acceleration(base_qdd, W):
-    """Write the floating base's dA, found in the U columns of row 0, as [dv/dt (world); d omega/dt (body)]."""
-    alpha = rotate_back(load9(W, 0, R), load3(W, 0, U))
-    for k in range(3):
-        base_qdd[k] = W[0, U + 3 + k]
-        base_qdd[3 + k] = alpha[k]
+    """Write the floating base's dA, found in the U columns of row 0, as [dv/dt (world); d omega/dt (body)].
+
+    base_qdd None: the base is fixed.
+    """
+    if base_qdd is not None:
+        alpha = rotate_back(load9(W, 0, R), load3(W, 0, U))
+        for k in range(3):
+            base_qdd[k] = W[0, U + 3 + k]
+            base_qdd[3 + k] = alpha[k]
 
 
 @inline

@@ -11,27 +11,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.structure import structure
+from ..compile.structure import record, structure
 
 # Measured on ABA of the humanoid (float64, a robot in lanes, first compilation): records 1.72 us, 0.34 us, 4.5 s;
 # a 2-D float array and one of integers 1.79 us, 0.34 us, 4.8 s; a NamedTuple of arrays 2.02 us, 0.37 us, 5.1 s
 # (AMD EPYC with AVX-512; medians of three runs, which differ by 1 % in float64 and 10 % in lanes).
-BODY = np.dtype(
-    [
-        ("parent", np.int64),  # row of the parent
-        ("dof", np.int64),  # index of the joint's coordinate among the joints
-        ("prismatic", np.int64),  # 1 = slides along z, 0 = turns about z; read by joint.py alone
-        ("leaf", np.int64),  # 1 = has no children
-        ("last", np.int64),  # 1 = visited first among its siblings on the way back to the root
-        ("slot", np.int64),  # workspace row in which the children's inertias and forces are summed
-        ("contact", np.int64),  # workspace row in which the body's contacts are summed; 0 = has no contact points
-        ("E", np.float64, (9,)),  # rotation body -> parent frame at zero, row by row
-        ("r", np.float64, (3,)),  # origin of the body frame in the parent frame at zero [m]
-        ("m", np.float64),  # mass [kg]
-        ("c", np.float64, (3,)),  # center of mass, body frame [m]
-        ("J", np.float64, (6,)),  # inertia xx xy xz yy yz zz about the center of mass, body frame [kg m^2]
-    ],
-    align=True,
+BODY = record(
+    parent=int,  # row of the parent
+    dof=int,  # index of the joint's coordinate among the joints
+    prismatic=int,  # 1 = slides along z, 0 = turns about z; read by joint.py alone
+    leaf=int,  # 1 = has no children
+    last=int,  # 1 = visited first among its siblings on the way back to the root
+    slot=int,  # workspace row in which the children's inertias and forces are summed
+    contact=int,  # workspace row in which the body's contacts are summed; 0 = has no contact points
+    E=(float, 9),  # rotation body -> parent frame at zero, row by row
+    r=(float, 3),  # origin of the body frame in the parent frame at zero [m]
+    m=float,  # mass [kg]
+    c=(float, 3),  # center of mass, body frame [m]
+    J=(float, 6),  # inertia xx xy xz yy yz zz about the center of mass, body frame [kg m^2]
 )
 
 # Columns of a body's row in the workspace `W`.

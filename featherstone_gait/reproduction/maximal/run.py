@@ -14,9 +14,9 @@ from ...base import deprecated
 from ...base.arguments import instance, listed, whole
 from ...core.compile.jit import entry, inline
 from ...core.compile.optional import slice_if
-from ...core.compile.shared import read_now
-from ...core.effects.actuator import controller_of
-from ...core.integrate.rollout import DIVERGED, FELL, between, inspect, record, tick
+from ...core.compile.outside import read_now
+from ...core.effects.controller import apply_delayed
+from ...core.integrate.rollout import DIVERGED, FELL, inspect, record, tick
 from ...core.step.signals import time_of
 from ...core.tree.kinematics import motion_pass
 from ...core.tree.layout import Motion, P, V
@@ -54,9 +54,9 @@ def rollout_bodies(run: Any, y: np.ndarray, out: np.ndarray, world: Any, work: A
         if k % plan.per_tick == 0 or k == plan.steps:
             dead = inspect(run, t, y)
             if k < plan.steps and not dead:
-                tick(controller_of(run.scene.actuator), run, k, t, y)
+                tick(run, k, t, y)
         else:
-            between(run.scene.firmware.delay, run, k, y)
+            apply_delayed(run.scene.firmware.delay, run.scene, run.offsets[0], y, k % plan.per_tick)
         if k % plan.per_sample == 0:
             record(run, y, k // plan.per_sample, out)
         if k == plan.steps or read_now(run.stop) != 0 or dead:

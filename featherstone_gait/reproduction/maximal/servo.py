@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...core.compile.by_type import NoneType, by_type
+from ...core.compile.by_type import NoneType, by_type, overridable
 from ...core.compile.jit import inline
 from ...core.compile.lanes import clamp
 from ...core.effects.decay import MOTOR_DECAY
@@ -19,22 +19,16 @@ from ...core.effects.mipsd_servo import MipsdServo
 from ...core.effects.rigid_servo import RigidServo
 
 
-@by_type
+@overridable
 def filter_speeds(actuator: Any, run: Any, w: Any, y: Any) -> None:
     """Update the filtered speeds."""
-
-
-@filter_speeds.of(NoneType)
-def _nothing_filtered(actuator: Any, run: Any, w: Any, y: Any) -> None:
-    pass
-
-
-@filter_speeds.otherwise
-def _filter_speeds(actuator: Any, run: Any, w: Any, y: Any) -> None:
     offsets = run.offsets[0]
     for i in range(len(w.drive)):
         v = y[offsets.qd + i]
         y[offsets.filtered_speed + i] = v + w.drive[i].filter_left * (y[offsets.filtered_speed + i] - v)
+
+
+filter_speeds.of(NoneType)(lambda actuator, run, w, y: None)
 
 
 @by_type
