@@ -318,25 +318,20 @@ def contact_branch(contact, step, c):
 def move_contacts(contact, step):
     """Move bristles, forces and the work of the ground to the end of the step."""
     if contact is not None:
+        y, offsets, C, h = step.y, step.offsets, step.C, step.h_implicit
         for c in range(len(contact.points)):
-            _move(contact, step, c)
-
-
-@inline
-def _move(contact, step, c):
-    p, y, offsets, C = contact.points[c], step.y, step.offsets, step.C
-    u = load3(C, c, UN)
-    f = point_force(contact, step, c, u)
-    y[offsets.contact_work] += step.h * dot(f, u)
-    z = _bristle(step, c)
-    _, _, slips = friction_force(p, z, u, C[c, LIMIT], step.h_implicit)
-    kappa = 1.0 / (step.h_implicit * p.tangential_stiffness + p.tangential_damping)
-    m1 = select(slips, (p.tangential_damping * z[0] - step.h_implicit * f[1]) * kappa, z[0] + step.h_implicit * u[1])
-    m2 = select(slips, (p.tangential_damping * z[1] - step.h_implicit * f[2]) * kappa, z[1] + step.h_implicit * u[2])
-    y[offsets.tangential_deflection + 2 * c] = z[0] + (m1 - z[0]) * (1.0 / step.theta)
-    y[offsets.tangential_deflection + 2 * c + 1] = z[1] + (m2 - z[1]) * (1.0 / step.theta)
-    for k in range(3):
-        y[offsets.contact_force + 3 * c + k] = f[k]
+            p, u, z = contact.points[c], load3(C, c, UN), _bristle(step, c)
+            f = point_force(contact, step, c, u)
+            y[offsets.contact_work] += step.h * dot(f, u)
+            _, _, slips = friction_force(p, z, u, C[c, LIMIT], h)
+            kappa = 1.0 / (h * p.tangential_stiffness + p.tangential_damping)
+            m1 = select(slips, (p.tangential_damping * z[0] - h * f[1]) * kappa, z[0] + h * u[1])
+            m2 = select(slips, (p.tangential_damping * z[1] - h * f[2]) * kappa, z[1] + h * u[2])
+            bristle = offsets.tangential_deflection + 2 * c
+            y[bristle] = z[0] + (m1 - z[0]) * (1.0 / step.theta)
+            y[bristle + 1] = z[1] + (m2 - z[1]) * (1.0 / step.theta)
+            for k in range(3):
+                y[offsets.contact_force + 3 * c + k] = f[k]
 
 
 # ---------------------------------------------------------------------------------------------- as an equation

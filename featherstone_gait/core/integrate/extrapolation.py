@@ -200,10 +200,9 @@ def _sweep(implicit, run, t, h, count):
     half, sound, ladder, pace = count // 2, True, run.work, run.work.pace
     columns = in_lanes(ladder.columns)
     for lane in range(WIDTH):
-        _assign(implicit, ladder, lane, count - 1 - (lane if lane <= half else 0), h)
+        _begin(implicit, run, lane, count - 1 - (lane if lane <= half else 0), h)
     if implicit is not None:
         ladder.columns.h[0, WIDTH - 1] = h * INSTANT
-    _begin(implicit, run, columns)
     _set_decay(columns.decay, run.scene.actuator, columns)
     total = _steps(implicit, count - 1)
     ladder.discontinuity[BEFORE] = -1.0
@@ -228,8 +227,7 @@ def _sweep(implicit, run, t, h, count):
                 sound = sound & _harvest(implicit, run, lane)
                 pace[EVALUATIONS] += ladder.lanes[DONE, lane]
                 if k < total - 1:
-                    _assign(implicit, ladder, lane, max(lane - 1, 0), h)
-                    _begin_again(implicit, run, lane)
+                    _begin(implicit, run, lane, max(lane - 1, 0), h)
                     fresh = True
             if implicit is None:
                 ladder.columns.last[0, lane] = 1.0 if ladder.lanes[LEFT, lane] == 1 else 0.0
@@ -310,40 +308,18 @@ def _scaled_at(run, a, position):
 
 
 @inline
-def _assign(implicit, ladder, lane, column, h):
-    """Give a lane a column."""
-    n = _steps(implicit, column)
-    ladder.lanes[LEFT, lane] = n
-    ladder.lanes[DONE, lane] = 0
-    ladder.lanes[COLUMN, lane] = column
-    ladder.columns.h[0, lane] = h / n
-
-
-@inline
-def _begin(implicit, run, columns):
-    """Move all lanes to the start."""
-    start = run.work.start
-    for i in range(run.offsets[0].step_control):
-        columns.y[i] = start[i]
-    if implicit is None:
-        h = columns.h[0]
-        for i in range(run.plan.integrated):
-            columns.previous[i] = start[i]
-            columns.y[i] = start[i] + h * columns.first[i]
-        columns.last[0] = 0.0
-
-
-@inline
-def _begin_again(implicit, run, lane):
-    """Move one lane to the start."""
-    start, columns = run.work.start, run.work.columns
+def _begin(implicit, run, lane, column, h):
+    """Give a lane a column, and move it to the start."""
+    start, lanes, columns, n = run.work.start, run.work.lanes, run.work.columns, _steps(implicit, column)
+    lanes[LEFT, lane], lanes[DONE, lane], lanes[COLUMN, lane] = n, 0, column
+    columns.h[0, lane] = h / n
     for i in range(run.offsets[0].step_control):
         columns.y[i, lane] = start[i]
     if implicit is None:
-        h = columns.h[0, lane]
+        columns.last[0, lane] = 0.0
         for i in range(run.plan.integrated):
             columns.previous[i, lane] = start[i]
-            columns.y[i, lane] = start[i] + h * columns.first[i, lane]
+            columns.y[i, lane] = start[i] + (h / n) * columns.first[i, lane]
 
 
 @inline
