@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import finite, one_of
+from ..base.arguments import finite, floats, one_of
 from ..base.fixed_order import applied, total
 from ..base.rotation import rotation_from_quaternion
 from ..model import Model
@@ -68,7 +68,7 @@ def to_engine(engine: Engine, model: Model, q: ArrayLike, qd: ArrayLike) -> tupl
     ValueError
         For an unknown engine, wrong shapes and values that are not finite.
     """
-    law, q, qd = _checked(engine, model, q, qd)
+    law, q, qd = _checked(engine, model, q, "qd", qd)
     if model.base == "fixed":
         return q, qd
     R = _rotation(q[..., 3:7])
@@ -105,7 +105,7 @@ def from_engine(engine: Engine, model: Model, q: ArrayLike, v: ArrayLike) -> tup
     ValueError
         For an unknown engine, wrong shapes and values that are not finite.
     """
-    law, q, v = _checked(engine, model, q, v)
+    law, q, v = _checked(engine, model, q, "v", v)
     if model.base == "fixed":
         return q, v
     q = np.concatenate([q[..., np.argsort(law.q)], q[..., 7:]], axis=-1)
@@ -118,12 +118,14 @@ def from_engine(engine: Engine, model: Model, q: ArrayLike, v: ArrayLike) -> tup
     return q, np.concatenate([linear, angular, v[..., 6:]], axis=-1)
 
 
-def _checked(engine: str, model: Model, q: ArrayLike, v: ArrayLike) -> tuple[_Convention, np.ndarray, np.ndarray]:
+def _checked(
+    engine: str, model: Model, q: ArrayLike, name: str, v: ArrayLike
+) -> tuple[_Convention, np.ndarray, np.ndarray]:
     one_of("engine", engine, _CONVENTIONS)
     check_model(model)
-    rows = (None,) * (np.ndim(q) == 2)
+    rows = (None,) * (floats(f"{model.name}: q", q).ndim == 2)
     q = np.array(finite(f"{model.name}: q", q, (*rows, model.nq)))
-    return _CONVENTIONS[engine], q, np.array(finite(f"{model.name}: velocity", v, (*rows, model.nv)))
+    return _CONVENTIONS[engine], q, np.array(finite(f"{model.name}: {name}", v, (*q.shape[:-1], model.nv), "as q has"))
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:

@@ -64,7 +64,7 @@ def jacobian(
         For wrong shapes, and for a link or a frame that does not exist.
     """
     check_model(model)
-    axes = link if frame == "body" else frame
+    axes = link if isinstance(frame, str) and frame == "body" else frame
     if not isinstance(axes, str) or (axes != "world" and axes not in model.link_rows):
         known = f"expected 'world', 'body' or one of its links {quoted(model.link_rows)}"
         raise ValueError(f"model {model.name!r} has no frame {shown(axes)}; {known}")

@@ -186,7 +186,7 @@ def _choice(options: SceneOptions, clipped: bool, check: Preflight) -> tuple[str
         timestep = real("timestep", timestep, SHORTEST, LONGEST, "give seconds, 1e-3 is usual")
     if chosen is None:
         chosen, reason = _integrator(clipped, check)
-    elif chosen == "simtwo" and chosen not in INTEGRATORS:
+    elif isinstance(chosen, str) and chosen == "simtwo" and chosen not in INTEGRATORS:
         raise ValueError("integrator 'simtwo' is the paper's: import featherstone_gait.reproduction first")
     else:
         one_of("integrator", chosen, INTEGRATORS)

@@ -134,7 +134,7 @@ def repacked(draw, data):
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w") as archive:
         for name, content in files.items():
-            archive.writestr(name, content)
+            archive.writestr(zipfile.ZipInfo(name), content)  # without the time of day: the same bytes again
     return packed.getvalue()
 
 
