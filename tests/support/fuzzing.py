@@ -25,10 +25,10 @@ RANDOM = int(os.environ.get("FEATHERSTONE_GAIT_FUZZ", "0"))
 
 
 def profiles(quick):
-    """Give a test the argument `profile`: settings with so many examples, and those of the long run, five times as many."""
+    """Give a test the argument `profile`: settings with so many examples, and with five times as many for `long`."""
     few = pytest.param(settings(COMMON, max_examples=quick, derandomize=True), id="quick")
-    many = pytest.param(settings(COMMON, max_examples=RANDOM or 5 * quick, derandomize=not RANDOM), id="many", marks=pytest.mark.long)
-    return pytest.mark.parametrize("profile", [few, many])
+    more = settings(COMMON, max_examples=RANDOM or 5 * quick, derandomize=not RANDOM)
+    return pytest.mark.parametrize("profile", [few, pytest.param(more, id="many", marks=pytest.mark.long)])
 
 
 class _TooLong(BaseException):
