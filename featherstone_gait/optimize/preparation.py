@@ -57,7 +57,18 @@ def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
     if not model.servos:
         raise ValueError(f"{own.name} has no servos; name one (--servo): {GENERIC!r} is an AX-12 scaled to the robot")
     job = Job(options, robot, own, model, Path(options.out) / f"{Path(robot).stem}_gait")
-    _check_options(options)
+    whole("worlds", options.worlds, 0, "0 is the robot's own ground alone", MOST_WORLDS)
+    whole("test_worlds", options.test_worlds, 0, "0 tests in none", MOST_WORLDS)
+    whole("iterations", options.iterations, 0, "0 measures the first gait alone")
+    if options.feedback and not options.worlds:
+        raise ValueError(
+            "feedback is searched in worlds, and worlds is 0; leave out feedback, or --one-world and --worlds 0"
+        )
+    if options.crosscheck:
+        mujoco_version()
+    for name in ("electronics_power", "holding_power"):
+        if (power := getattr(options, name)) is not None:
+            real(name, power, 0.0, 1e6, "it is a power [W]")
     folder = job.stem.parent
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -120,18 +131,3 @@ def folded(text: str) -> str:
     """Fold lines that are too long for a terminal; continued lines are indented."""
     lines = (textwrap.wrap(line, 79, subsequent_indent="    ", break_long_words=False) for line in text.split("\n"))
     return "\n".join(part for line in lines for part in line)
-
-
-def _check_options(options: OptimizeOptions) -> None:
-    whole("worlds", options.worlds, 0, "0 is the robot's own ground alone", MOST_WORLDS)
-    whole("test_worlds", options.test_worlds, 0, "0 tests in none", MOST_WORLDS)
-    whole("iterations", options.iterations, 0, "0 measures the first gait alone")
-    if options.feedback and not options.worlds:
-        raise ValueError(
-            "feedback is searched in worlds, and worlds is 0; leave out feedback, or --one-world and --worlds 0"
-        )
-    if options.crosscheck:
-        mujoco_version()
-    for name in ("electronics_power", "holding_power"):
-        if (power := getattr(options, name)) is not None:
-            real(name, power, 0.0, 1e6, "it is a power [W]")

@@ -88,21 +88,20 @@ def measure_in_test_worlds(
     """
     longer = replace(cost, strides=TEST_STRIDES)
     worlds = in_worlds(longer, count, TEST_SEED, timestep=FINER * cost.scene.timestep)
-    bar = tqdm(gaits, desc=f"{count} other worlds", unit="gait", disable=not progress)
-    return [_statistics(worlds.measure([x])[0]) | {"worlds": count, "strides": TEST_STRIDES} for x in bar]
-
-
-def _statistics(measures: Sequence[Measures]) -> dict[str, Any]:
-    walks = [one for one in measures if one.status == "ok"]
-    each = [one.cost if one.status == "ok" else None for one in measures]
-    found: dict[str, Any] = {"walks": len(walks) / len(measures), "each": each}
-    found |= dict.fromkeys(("cost", "speed", "sideways", "mean_sideways"))
-    if walks:
-        for name in ("cost", "speed"):
-            found[name] = np.percentile([getattr(one, name) for one in walks], (5, 50, 95)).tolist()
-        drifts = [one.sideways / one.distance for one in walks]
-        found["sideways"], found["mean_sideways"] = max(map(abs, drifts)), math.fsum(drifts) / len(drifts)
-    return found
+    rows = []
+    for x in tqdm(gaits, desc=f"{count} other worlds", unit="gait", disable=not progress):
+        (measures,) = worlds.measure([x])
+        walks = [one for one in measures if one.status == "ok"]
+        each = [one.cost if one.status == "ok" else None for one in measures]
+        found: dict[str, Any] = {"walks": len(walks) / len(measures), "each": each}
+        found |= dict.fromkeys(("cost", "speed", "sideways", "mean_sideways"))
+        if walks:
+            for name in ("cost", "speed"):
+                found[name] = np.percentile([getattr(one, name) for one in walks], (5, 50, 95)).tolist()
+            drifts = [one.sideways / one.distance for one in walks]
+            found["sideways"], found["mean_sideways"] = max(map(abs, drifts)), math.fsum(drifts) / len(drifts)
+        rows.append(found | {"worlds": count, "strides": TEST_STRIDES})
+    return rows
 
 
 def measure_limits(cost: WalkingCost, x: np.ndarray, watch: Watch) -> dict[str, Any]:

@@ -24,6 +24,13 @@ def summary(report: dict) -> str:
         Lines of text.
     """
     search, work, lanes = report["search"], report["evaluations"], report["evaluations"]["lane_occupancy"]
+    pushes = []
+    if report.get("feedback"):
+        with_it, without = (math.fsum(report["feedback"]["pushes"][side]) / 8 for side in ("with", "without"))
+        pushes.append(
+            f"push survived in half of the cases, mean of eight directions: {with_it:.3g} N s with feedback, "
+            f"{without:.3g} without; other worlds and the crosscheck are walked with feedback"
+        )
     return "\n".join([
         *_heading(report),
         *_measures(report),
@@ -33,7 +40,7 @@ def summary(report: dict) -> str:
         f"{report['seconds']['all']:.1f} s: {search['message']}",
         f"{work['begun']} evaluations begun, {work['wasted']} of them wasted by speculation"
         + (f"; lanes {100.0 * lanes:.1f} % occupied" if lanes is not None else ""),
-        *_pushes(report.get("feedback")),
+        *pushes,
         f"crosscheck: {report.get('crosscheck') or NOT_CHECKED}",
         *(f"{kind:16} {path}" for kind, path in report["files"].items()),
     ])  # fmt: skip
@@ -86,17 +93,6 @@ def _measures(report: dict) -> list[str]:
         cells = ["fails" if math.isnan(x) else f"{x:.{digits}f}" for x in (a, b)]
         lines.append(f"{name:30} {cells[0]:>10} {cells[1]:>10} {change:>8} {unit}".rstrip())
     return lines
-
-
-def _pushes(feedback: dict | None) -> list[str]:
-    """Compare the pushes that are survived with feedback and without."""
-    if not feedback:
-        return []
-    with_it, without = (math.fsum(feedback["pushes"][side]) / 8 for side in ("with", "without"))
-    return [
-        f"push survived in half of the cases, mean of eight directions: {with_it:.3g} N s with feedback, {without:.3g} "
-        "without; other worlds and the crosscheck are walked with feedback"
-    ]
 
 
 def _limits(plausible: dict) -> list[str]:

@@ -20,7 +20,14 @@ class AnnealingHistory:
     """The visits of an annealing search as JSON lines: a header with the settings, then a line a visit."""
 
     def __init__(self, path: Path, search: AdaptiveSimulatedAnnealing, resume: bool) -> None:
-        self._search, self._header, self._synced = search, _header(search), time.monotonic()
+        self._search, self._synced = search, time.monotonic()
+        number = lambda value: value if np.isfinite(value) else str(value)  # noqa: E731  JSON has no infinity
+        bounds = None if search.bounds is None else [[number(b) for b in pair] for pair in search.bounds.tolist()]
+        self._header = {
+            "search": "adaptive simulated annealing", "version": 1,
+            **{name: getattr(search, name) for name in ("seed", "max_miss", "max_iterations", "no_progress")},
+            "amplitude": search.amplitude.tolist(), "bounds": bounds, "x0": search.x0.tolist(),
+        }  # fmt: skip
         self._file = LineFile(path, resume, self._header, self._check, self._replay)
         self.close = self._file.close
 
@@ -77,18 +84,4 @@ def _content(visit: Visit, text: str) -> dict[str, Any]:
         "status": text or ("ok" if finite else "not finite"),
         "accepted": visit.accepted,
         "miss": visit.miss,
-    }
-
-
-def _header(search: AdaptiveSimulatedAnnealing) -> dict[str, Any]:
-    """Return the settings as JSON will give them back; infinite bounds as text, for which JSON has no number."""
-    number = lambda value: value if np.isfinite(value) else str(value)  # noqa: E731
-    bounds = None if search.bounds is None else [[number(b) for b in pair] for pair in search.bounds.tolist()]
-    return {
-        "search": "adaptive simulated annealing",
-        "version": 1,
-        **{name: getattr(search, name) for name in ("seed", "max_miss", "max_iterations", "no_progress")},
-        "amplitude": search.amplitude.tolist(),
-        "bounds": bounds,
-        "x0": search.x0.tolist(),
     }

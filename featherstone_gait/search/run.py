@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
+from itertools import islice
 
 import numpy as np
 from scipy.optimize import OptimizeResult
@@ -84,10 +85,22 @@ def run_together(
     bar = tqdm(total=len(runs) * evaluations, disable=not progress, unit="candidate")
     with bar, suppress(KeyboardInterrupt):
         while active := [one for one in runs if one.status is None]:
-            _advance(active, fun, map, batch)
+            share, rest = divmod(batch, len(active))  # of the candidates evaluated at once
+            asked = [one.ask(max(1, share + (i < rest))) for i, one in enumerate(active)]
+            candidates = [x for part in asked for x in part]
+            costs = iter(costs_of(map(fun, candidates), len(candidates)))
+            for one, part in zip(active, asked):
+                one.tell(part, [*islice(costs, len(part))])
             bar.update(sum(len(one.f) for one in runs) - bar.n)
             bar.set_postfix(best=min(one.search.best_f for one in runs))
-    return _together([one.result() for one in runs])
+    results = [one.result() for one in runs]
+    best = min(range(len(results)), key=lambda i: results[i].fun)
+    total = {name: sum(result[name] for result in results) for name in ("nfev", "wasted")}
+    status = max(result.status for result in results)
+    together = OptimizeResult({**results[best], **total}, results=results, best=best, status=status)
+    if np.isfinite(together.fun):
+        together.success, together.message = status != 2, MESSAGES[status]
+    return together
 
 
 class _Run:
@@ -128,29 +141,9 @@ class _Run:
         )  # fmt: skip
 
 
-def _advance(runs: Sequence[_Run], fun: Cost, map: Map, batch: int) -> None:
-    """Evaluate a batch, shared out among the searches."""
-    share, rest = divmod(batch, len(runs))
-    asked = [one.ask(max(1, share + (i < rest))) for i, one in enumerate(runs)]
-    costs = costs_of(map(fun, [x for candidates in asked for x in candidates]), sum(len(part) for part in asked))
-    for one, candidates in zip(runs, asked):
-        one.tell(candidates, costs[: len(candidates)])
-        costs = costs[len(candidates) :]
-
-
 def costs_of(answers: Iterable[Answer], n: int) -> list[float]:
     """Return the `n` costs of answers that are costs or (cost, status).  Raises ValueError if there are not as many."""
     costs = [float(answer[0] if isinstance(answer, tuple) else answer) for answer in answers]
     if len(costs) != n:
         raise ValueError(f"map returned {len(costs)} costs for {n} candidates")
     return costs
-
-
-def _together(results: Sequence[OptimizeResult]) -> OptimizeResult:
-    best = min(range(len(results)), key=lambda i: results[i].fun)
-    total = {name: sum(result[name] for result in results) for name in ("nfev", "wasted")}
-    status = max(result.status for result in results)
-    together = OptimizeResult({**results[best], **total}, results=results, best=best, status=status)
-    if np.isfinite(together.fun):
-        together.success, together.message = status != 2, MESSAGES[status]
-    return together
