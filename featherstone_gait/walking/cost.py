@@ -202,13 +202,8 @@ class WalkingCost(BatchCost):
         """
         strides = self.warm_up + self.strides if strides is None else strides
         signals = [self.reference(x, strides) for x in vectors]
-        states = states or [
-            standing_state(self.scene, signal.values[0], allow_limit_violation=True) for signal in signals
-        ]
-        how.setdefault("estimate_error", False)
-        return simulate_batch(
-            self.scene, signals[0].times[-1], states, signals, record=record, record_interval=record_interval, **how
-        )
+        how |= {"states": states, "record": record, "record_interval": record_interval}
+        return walk_runs([self.scene] * len(signals), signals[0].times[-1], signals, **how)
 
     def beginning(self, x: ArrayLike) -> tuple[np.ndarray, Reference]:
         """Return the standing state from which a vector is measured, and the servos' reference."""
@@ -301,11 +296,11 @@ def walk_runs(
     offsets (n, nj) [rad]: of the first postures; how: of `simulate_batch`; errors are not estimated by default.
     """
     angles = [reference.values[0] for reference in references]
-    states = [
+    how["states"] = how.get("states") or [
         standing_state(scene, first + off, allow_limit_violation=True)
         for scene, first, off in zip(scenes, angles, np.broadcast_to(offsets, np.shape(angles)))
     ]
-    return simulate_batch(scenes, duration, states, references, **{"estimate_error": False} | how)
+    return simulate_batch(scenes, duration, references=references, **{"estimate_error": False} | how)
 
 
 def window_of(run: Trajectory, start: float, end: float) -> slice:

@@ -122,7 +122,10 @@ def read_motion(path: FilePath, joint_names: Sequence[str] | None = None, *, fir
     gaps = np.diff(times)
     if len(times) < 7 or np.ptp(gaps) > UNEVEN:
         raise ValueError(f"{path}: its {len(times)} rows must be 7 or more, evenly spaced in time; sample it so")
-    period = _period(path, angles)
+    repeats = lambda n: np.abs(angles[-1 - n :] - angles[-1 - 2 * n : -n]).max() <= SAME  # noqa: E731
+    period = next((n for n in range(3, (len(angles) - 1) // 2 + 1) if repeats(n)), 0)
+    if not period:
+        raise ValueError(f"{path}: its last rows do not repeat; it must end in two equal strides and their first row")
     end = len(angles) - 1 - period
     while end >= period and np.abs(angles[end - period : end] - angles[end : end + period]).max() <= SAME:
         end -= period
@@ -156,14 +159,6 @@ def servo_of(path: FilePath) -> str | None:
     if found.ndim or found.dtype.kind != "U":
         raise ValueError(f"{path}: servo is {found!r}; expected a text: take an undamaged copy, or make it anew")
     return str(found) or None
-
-
-def _period(path: Path, angles: np.ndarray) -> int:
-    """Return the least number of rows after which the last ones repeat."""
-    for period in range(3, (len(angles) - 1) // 2 + 1):
-        if np.abs(angles[-1 - period :] - angles[-1 - 2 * period : -period]).max() <= SAME:
-            return period
-    raise ValueError(f"{path}: its last rows do not repeat; it must end in two equal strides and their first row")
 
 
 def _of_arrays(path: Path, joint_names: Sequence[str] | None, first: bool) -> Motion:

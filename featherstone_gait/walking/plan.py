@@ -27,7 +27,7 @@ from ..base.arguments import finite, is_real, one_of, real, shown, texts, whole
 from ..base.deprecated import renamed
 from ..base.fixed_order import applied, total
 from ..base.portable_math import sincos
-from ..dynamics import Poses, check_model, contact_positions_at
+from ..dynamics import check_model, contact_positions_at
 from ..model import Model
 from ..scene.tree import GRAVITY
 from .auxiliary_zmp import plan_com_auxiliary
@@ -337,19 +337,17 @@ def soles_of(model: Model, feet: Sequence[str] | None = None) -> tuple[Sole, ...
     feet = texts("feet", feet, "give the names of the left and the right foot")
     if len(feet) != 2 or not all(link in list(placed) for link in feet):
         raise ValueError(f"model {model.name!r}: a walk needs contact points on two feet, got {feet} of {list(placed)}")
-    return tuple(_sole(model, link, placed[link], poses) for link in feet)
-
-
-def _sole(model: Model, link: str, points: np.ndarray, poses: Poses) -> Sole:
-    points = points[points[:, 2] < points[:, 2].min() + SOLE_THICKNESS]
-    if len(points) < 3:
-        raise ValueError(
-            f"model {model.name!r}: the sole of {link!r} needs 3 or more contact points, got {len(points)}"
-        )
-    i = link_index(model, link)
-    middle = total(points, axis=0) / len(points)
-    local = applied(poses.rotation[0, i].T, middle - poses.position[0, i])
-    return Sole(link, local, (points - middle)[:, :2])
+    soles = []
+    for i, link in ((link_index(model, link), link) for link in feet):
+        sole = placed[link][placed[link][:, 2] < placed[link][:, 2].min() + SOLE_THICKNESS]
+        if len(sole) < 3:
+            raise ValueError(
+                f"model {model.name!r}: the sole of {link!r} needs 3 or more contact points, got {len(sole)}"
+            )
+        middle = total(sole, axis=0) / len(sole)
+        local = applied(poses.rotation[0, i].T, middle - poses.position[0, i])
+        soles.append(Sole(link, local, (sole - middle)[:, :2]))
+    return tuple(soles)
 
 
 def default_posture(model: Model, soles: Iterable[Sole]) -> np.ndarray:

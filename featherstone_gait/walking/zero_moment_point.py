@@ -61,7 +61,11 @@ def multibody_zmp(
     mass, centers = np.array([link.mass for link in model.links]), link_centers(model, poses)
     center, acceleration = centers[2:-2], (centers[3:-1] - 2 * centers[2:-2] + centers[1:-3]) / (T * T)
     force = mass[:, None] * (acceleration + np.array([0.0, 0.0, g]))
-    momentum_rate = total(_central_difference(_angular_momentum(model, poses.rotation, T), T), axis=1)
+    here, rate = poses.rotation[1:-1], _central_difference(poses.rotation, T)
+    omega = 0.5 * total(np.cross(here, rate, axis=-2))  # of axes e that turn, the sum of e x e' is twice omega
+    I = np.array([inertia_matrix(link.inertia) for link in model.links])
+    momentum = applied(here, applied(I, applied(here.swapaxes(-1, -2), omega)))  # of links about their centers
+    momentum_rate = total(_central_difference(momentum, T), axis=1)
     weight = total(force[..., 2])
     lever = total(center[..., :2] * force[..., 2:] - center[..., 2:] * force[..., :2], axis=1)
     zmp = (lever + np.stack([-momentum_rate[:, 1], momentum_rate[:, 0]], axis=1)) / weight[:, None]
@@ -82,14 +86,6 @@ def polygon_margin(point: np.ndarray, polygon: np.ndarray) -> float:
     offset = point - polygon
     inside = edge[:, 0] * offset[:, 1] - edge[:, 1] * offset[:, 0]
     return float((inside / np.hypot(*edge.T)).min())
-
-
-def _angular_momentum(model: Model, rotation: np.ndarray, T: float) -> np.ndarray:
-    """Return the links' angular momenta (n - 2, links, 3) about their centers of mass, world axes [kg m^2/s]."""
-    I = np.array([inertia_matrix(link.inertia) for link in model.links])
-    here, rate = rotation[1:-1], _central_difference(rotation, T)
-    omega = 0.5 * total(np.cross(here, rate, axis=-2))  # of axes e that turn, the sum of e x e' is twice omega
-    return applied(here, applied(I, applied(here.swapaxes(-1, -2), omega)))
 
 
 def _central_difference(x: np.ndarray, T: float) -> np.ndarray:
