@@ -416,30 +416,20 @@ def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
     """Add rotors, and gearboxes between them and the joints, to the robot's MJCF."""
     if not servos:
         return text
-    bodies = [line for name, servo in servos.items() for line in _rotor(PREFIX + name, servo)]
-    tendons = [line for name, servo in servos.items() for line in _gearbox(name, servo)]
+    bodies, tendons, (mass, inertia) = list[str](), list[str](), LIGHT
+    for name, servo in servos.items():
+        gear, rotor = servo.gearbox, PREFIX + name
+        reflected, damping = gear.ratio**2 * gear.rotor_inertia, gear.ratio**2 * gear.rotor_damping
+        hinge = {"name": rotor, "axis": "0 0 1", "armature": reflected - inertia, "damping": damping}
+        inertial = {"pos": "0 0 0", "mass": mass, "diaginertia": [inertia] * 3}
+        bodies += element("body", {"name": rotor}, [*element("inertial", inertial), *element("joint", hinge)])
+        # Gears with backlash have a tendon without stiffness.
+        spring = {"stiffness": gear.stiffness, "damping": gear.damping} if gear.backlash <= 0.0 else {}
+        driving, driven = ({"joint": end, "coef": coef} for end, coef in ((rotor, "1"), (name, "-1")))
+        ends = [*element("joint", driving), *element("joint", driven)]
+        tendons += element("fixed", {**spring, "springlength": "0"}, ends)
     text = text.replace("</worldbody>", "\n".join([*bodies, "</worldbody>"]))
     return text.replace("</mujoco>", "\n".join(["<tendon>", *tendons, "</tendon>", "</mujoco>"]))
-
-
-def _rotor(name: str, servo: Servo) -> list[str]:
-    gear, (mass, inertia) = servo.gearbox, LIGHT
-    attributes = {
-        "name": name,
-        "axis": "0 0 1",
-        "armature": gear.ratio**2 * gear.rotor_inertia - inertia,
-        "damping": gear.ratio**2 * gear.rotor_damping,
-    }
-    inertial = {"pos": "0 0 0", "mass": mass, "diaginertia": [inertia] * 3}
-    return element("body", {"name": name}, [*element("inertial", inertial), *element("joint", attributes)])
-
-
-def _gearbox(name: str, servo: Servo) -> list[str]:
-    """Return the tendon between rotor and joint; without stiffness if the gears have backlash."""
-    gear, tight = servo.gearbox, servo.gearbox.backlash <= 0.0
-    attributes = {"stiffness": gear.stiffness, "damping": gear.damping} if tight else {}
-    ends = [element("joint", {"joint": PREFIX + name, "coef": "1"}), element("joint", {"joint": name, "coef": "-1"})]
-    return element("fixed", {**attributes, "springlength": "0"}, [line for end in ends for line in end])
 
 
 def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:
