@@ -160,23 +160,17 @@ class AdaptiveSimulatedAnnealing(AskTell):
         """
         asked, taken = self._told(fs), 0
         for x, f in zip(asked, fs):
-            first = self.iteration == 0
-            better = self._visit(x, f)
+            first, better = self.iteration == 0, bool(np.isfinite(f) and f < self.best_f)
+            if better:
+                self.best_x, self.best_f = x, float(f)
+            self.visited.append(Visit(self.iteration, x, float(f), self.miss, better))
+            place = self.after(self.iteration, self.miss, self.since_progress, better)
+            self.iteration, self.miss, self.since_progress = place
             taken += 1
             if better and not first:
                 break
         self.wasted += len(asked) - taken
         return taken
-
-    def _visit(self, x: np.ndarray, f: float) -> bool:
-        better = bool(np.isfinite(f) and f < self.best_f)
-        if better:
-            self.best_x, self.best_f = x, float(f)
-        self.visited.append(Visit(self.iteration, x, float(f), self.miss, better))
-        self.iteration, self.miss, self.since_progress = self.after(
-            self.iteration, self.miss, self.since_progress, better
-        )
-        return better
 
 
 def _noise(seed: int, iteration: int, n: int) -> np.ndarray:

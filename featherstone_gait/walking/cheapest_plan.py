@@ -251,7 +251,14 @@ def cheapest_plan(
         if best is not None and math.isfinite(best.cost):
             plan, fit, cost = search.planned(best.walk)
             return CheapestPlan(plan, fit, cost, best.cost, tuple(trials))
-    raise ValueError(_none_walks(scene.model, trials, held))
+    kinds = [re.sub(r"\d+(\.\d+)?", "0", trial.status) for trial in trials]  # the same, but for numbers
+    most = max(dict.fromkeys(kinds), key=kinds.count)
+    fixed = ", ".join(f"{name} {shown(value)}" for name, value in held.items())
+    raise ValueError(
+        f"{scene.model.name}: none of {len(trials)} planned walks{f' with {fixed}' if fixed else ''} can be walked, "
+        f"{kinds.count(most)} of them for this: {trials[kinds.index(most)].status}; give stronger servos, more plans "
+        "(count), another box, or numbers of a walk that is known to work"
+    )
 
 
 def fit_states(model: Model, plan: Plan, states: States) -> GaitFit:
@@ -398,15 +405,3 @@ def _spread(count: int, dimension: int, seed: int) -> np.ndarray:
     generator = np.random.Generator(np.random.PCG64(whole("seed", seed, 0, "it is the seed of the plans")))
     first = generator.random(dimension)
     return np.mod(first + np.arange(1, count + 1)[:, None] * root ** -np.arange(1.0, dimension + 1), 1.0)
-
-
-def _none_walks(model: Model, trials: Sequence[Trial], held: dict[str, Any]) -> str:
-    kinds = [re.sub(r"\d+(\.\d+)?", "0", trial.status) for trial in trials]  # the same, but for numbers
-    most = max(dict.fromkeys(kinds), key=kinds.count)
-    common = trials[kinds.index(most)].status
-    given = ", ".join(f"{name} {shown(value)}" for name, value in held.items())
-    return (
-        f"{model.name}: none of {len(trials)} planned walks{f' with {given}' if given else ''} can be walked, "
-        f"{kinds.count(most)} of them for this: {common}; give stronger servos, more plans (count), another box, "
-        "or numbers of a walk that is known to work"
-    )
