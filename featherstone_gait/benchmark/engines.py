@@ -7,7 +7,7 @@ import math
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model import Model
+from ..model import Ground, Model
 from ..robot_file import save_robot
 from ..scene.compile import CompiledScene
 from .case import Case, Truth, at_most, distances
@@ -54,12 +54,16 @@ def quick_mujoco() -> Iterator[None]:
         mujoco.set_mju_user_warning(None)
 
 
+def reread(model: Model, name: str, read: Callable[[str], Any], ground: Ground | None = None) -> Any:
+    """Write the robot into a file of that name, and read it."""
+    with tempfile.TemporaryDirectory() as folder:
+        save_robot(model, Path(folder) / name, ground)
+        return read(str(Path(folder) / name))
+
+
 def spec_of(model: Model) -> Any:
     """Read the robot's URDF as a MuJoCo specification, its root kept as a body, free if it floats."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{model.name}.urdf"
-        save_robot(model, path)
-        spec = mujoco.MjSpec.from_file(str(path))
+    spec = reread(model, f"{model.name}.urdf", mujoco.MjSpec.from_file)
     spec.compiler.fusestatic = False
     if model.base == "floating":
         spec.worldbody.first_body().add_freejoint()
@@ -148,11 +152,8 @@ def bounded(model: Model) -> Model:
 
 
 def in_pinocchio(model: Model) -> Any:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "robot.urdf"
-        save_robot(model, path)
-        base = (pin.JointModelFreeFlyer(),) if model.base == "floating" else ()
-        m = pin.buildModelFromUrdf(str(path), *base)
+    base = (pin.JointModelFreeFlyer(),) if model.base == "floating" else ()
+    m = reread(model, "robot.urdf", lambda path: pin.buildModelFromUrdf(path, *base))
     if m.nv != model.nv:
         raise RuntimeError(f"{model.name}: Pinocchio reads another robot from its URDF; the comparison would be void")
     return m
@@ -188,10 +189,7 @@ def same_laws(scene: CompiledScene) -> bool:
 
 def model_of(scene: CompiledScene) -> Any:
     """Build the scene's robot for MuJoCo; raise ValueError where MJCF cannot express it."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "robot.xml"
-        save_robot(scene.model, path, scene.ground)
-        m = mujoco.MjModel.from_xml_path(str(path))
+    m = reread(scene.model, "robot.xml", mujoco.MjModel.from_xml_path, scene.ground)
     m.opt.gravity[:] = scene.gravity
     if scene.ground is None:
         disable(m, "CONTACT")

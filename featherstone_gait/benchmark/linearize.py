@@ -15,11 +15,13 @@ time.  `mjd_transitionFD` is called centered (one-sided it takes half the time a
 
 from __future__ import annotations
 
-import functools
+import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -31,11 +33,12 @@ from ..model import Ground, Model
 from ..robot_file import load_robot
 from ..robot_file.mjcf.write import mjcf_text
 from ..run.simulate import initial_state
-from ..scene.compile import compile_scene
+from ..scene.compile import GearboxKind, compile_scene
 from .engines import check_order, disable, mujoco, quick_mujoco
 from .table import in_turn, installed, machine, spread, tabulate
 
 REPEATS, REPEATS_FULL = 11, 41
+GEARBOXES: tuple[GearboxKind, ...] = ("rotor", "mipsd")
 STEP = 1e-3  # [s]
 USUAL, WIDE = 1e-6, 2e-4  # widths of MuJoCo's differences, as usual and of the larger one that is extrapolated from
 STIFF_WIDE = 2e-6  # the same on the ground
@@ -50,19 +53,13 @@ class Row(NamedTuple):
     method: Annotated[str, "method", "<33"]
     columns: Annotated[int, "columns", "7"]  # states and inputs
     period: Annotated[float, "ms", "4.0f"]  # [ms]
-    time: Annotated[float, "us", "8.2f"]  # of a column and simulated millisecond, median [us]
-    spread: Annotated[float, "spread", "7.0%"]  # from the first to the third quartile, relative to the median
     error: Annotated[float, "error", "9.1e"]
-    ratio: Annotated[float, "ratio", "6.2f"]  # time by that of MuJoCo, NaN without
+    time: Annotated[float, "us", "8.2f"] = math.nan  # of a column and simulated millisecond, median [us]
+    spread: Annotated[float, "spread", "7.0%"] = math.nan  # of the quartiles, relative to the median
+    ratio: Annotated[float, "ratio", "6.2f"] = math.nan  # time by that of MuJoCo, NaN without
 
 
-class _Timer(NamedTuple):
-    scene: str
-    method: str
-    columns: int
-    period: float
-    call: Callable[[], object]
-    error: float
+Prepared = tuple[Row, Callable[[], object]]  # a row without times, and what is to be timed
 
 
 def run(out_dir: Path, full: bool = False) -> list[Row]:
@@ -75,7 +72,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     return tabulate(out_dir / "linearize.csv", Row, rows, host)
 
 
-def _falling(model: Model) -> list[_Timer]:
+def _falling(model: Model) -> list[Prepared]:
     """Prepare the humanoid in the air, bent and moving, under torques."""
     free = tuple(replace(joint, damping=0.0, friction=0.0) for joint in model.joints)
     model = replace(model, joints=free, servos={}, contacts=())
@@ -89,48 +86,44 @@ def _falling(model: Model) -> list[_Timer]:
     qd, tau = rng.normal(size=n + 6), 0.1 * rng.normal(size=n)
     state = initial_state(scene, q, qd)
 
-    def own(steps: int) -> Linearization:
-        return linearize(scene, state, tau=tau, steps=steps, threads=1)
-
-    timers, exact = [], None
+    prepared, exact = [], None
     if installed("mujoco"):
         m, d = _mujoco(model, None)
         m.opt.integrator = 0  # semi-implicit Euler
         disable(m, "CONTACT", "CONSTRAINT", "DAMPER", "ACTUATION")
         d.qpos[:], d.qvel[:], d.qfrc_applied[6:] = q, qd, tau
         timer, exact = _mujoco_timer("falling", m, d, WIDE)
-        timers.append(timer)
+        prepared.append(timer)
     for steps in (1, 10):
-        found = own(steps)
-        error = _stated(found) if exact is None or steps > 1 else _error(found.A, exact)
-        columns = len(found.states) + len(found.inputs)
+        call = partial(linearize, scene, state, tau=tau, steps=steps, threads=1)
         method = f"linearize, {steps} step{'s' * (steps > 1)}"
-        timers.append(_Timer("falling", method, columns, 1e3 * found.period, functools.partial(own, steps), error))
-    return timers
+        prepared.append(_own("falling", method, call, exact if steps == 1 else None))
+    return prepared
 
 
-def _standing(model: Model) -> list[_Timer]:
+def _standing(model: Model) -> list[Prepared]:
     """Prepare the humanoid on both soles, held by servos; ours with gearboxes, motors, bristles and ticks."""
-    timers = []
+    prepared = []
     if installed("mujoco"):
         m, d = _mujoco(model, Ground())
         m.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         d.qpos[2] = trim(compile_scene(model, "mipsd", Ground(), "midpoint", STEP)).q[2]
         for _ in range(SETTLING):
             mujoco.mj_step(m, d)
-        timers.append(_mujoco_timer("standing", m, d, STIFF_WIDE)[0])
-    for gearbox in ("rotor", "mipsd"):
-        for integrator in ("implicit_euler", "midpoint"):
-            scene = compile_scene(model, gearbox, Ground(), integrator, STEP)
-            rest = trim(scene)
+        prepared.append(_mujoco_timer("standing", m, d, STIFF_WIDE)[0])
+    for gearbox, integrator in product(GEARBOXES, ("implicit_euler", "midpoint")):
+        scene = compile_scene(model, gearbox, Ground(), integrator, STEP)
+        rest = trim(scene)
+        call = partial(linearize, scene, rest.state, rest.reference, threads=1)
+        prepared.append(_own("standing", f"linearize, {gearbox}, {integrator}", call))
+    return prepared
 
-            def own(scene: Any = scene, rest: Any = rest) -> Linearization:
-                return linearize(scene, rest.state, rest.reference, threads=1)
 
-            found = own()
-            columns, name = len(found.states) + len(found.inputs), f"linearize, {gearbox}, {integrator}"
-            timers.append(_Timer("standing", name, columns, 1e3 * found.period, own, _stated(found)))
-    return timers
+def _own(scene: str, method: str, call: Callable[[], Linearization], exact: np.ndarray | None = None) -> Prepared:
+    """Prepare `linearize`, whose error is its own estimate where the exact matrix is not known."""
+    found = call()
+    error = _relative(found.A_error, found.A) if exact is None else _relative(found.A - exact, exact)
+    return Row(scene, method, len(found.states) + len(found.inputs), 1e3 * found.period, error), call
 
 
 def _mujoco(model: Model, ground: Ground | None) -> tuple[Any, Any]:
@@ -139,7 +132,7 @@ def _mujoco(model: Model, ground: Ground | None) -> tuple[Any, Any]:
     return m, mujoco.MjData(m)
 
 
-def _mujoco_timer(scene: str, m: Any, d: Any, wide: float) -> tuple[_Timer, np.ndarray]:
+def _mujoco_timer(scene: str, m: Any, d: Any, wide: float) -> tuple[Prepared, np.ndarray]:
     """Prepare `mjd_transitionFD`; return it with its extrapolation from two larger widths."""
     size = 2 * m.nv + m.na
     A, B = np.zeros((size, size)), np.zeros((size, m.nu))
@@ -150,27 +143,20 @@ def _mujoco_timer(scene: str, m: Any, d: Any, wide: float) -> tuple[_Timer, np.n
 
     coarse, fine = call(wide), call(0.5 * wide)
     exact = (4.0 * fine - coarse) / 3.0
-    timer = _Timer(scene, "mjd_transitionFD, centered", size + m.nu, 1e3 * STEP, call, _error(call(), exact))
-    return timer, exact
+    error = _relative(call() - exact, exact)
+    return (Row(scene, "mjd_transitionFD, centered", size + m.nu, 1e3 * STEP, error), call), exact
 
 
-def _error(A: np.ndarray, exact: np.ndarray) -> float:
+def _relative(error: np.ndarray, A: np.ndarray) -> float:
     """Return the largest error of an entry, by the largest entry in its row."""
-    return float((np.abs(A - exact) / np.abs(exact).max(axis=1, keepdims=True)).max())
+    return float((np.abs(error) / np.abs(A).max(axis=1, keepdims=True)).max())
 
 
-def _stated(found: Linearization) -> float:
-    return float((found.A_error / np.abs(found.A).max(axis=1, keepdims=True)).max())
-
-
-def _timed(timers: list[_Timer], repeats: int) -> list[Row]:
+def _timed(prepared: list[Prepared], repeats: int) -> list[Row]:
     """Time all in turn."""
-    theirs = any("mjd" in timer.method for timer in timers)
-    with quick_mujoco() if theirs else nullcontext():
-        times = in_turn([timer.call for timer in timers], repeats, time.process_time).T
-    times *= 1e6 / np.array([[timer.columns * timer.period] for timer in timers])
-    medians, spreads = spread(times)
-    return [
-        Row(t.scene, t.method, t.columns, t.period, a, b, t.error, a / medians[0] if theirs else np.nan)
-        for t, a, b in zip(timers, medians, spreads)
-    ]
+    rows, calls = zip(*prepared)
+    with quick_mujoco() if installed("mujoco") else nullcontext():
+        times = in_turn(calls, repeats, time.process_time).T
+    medians, spreads = spread(times * 1e6 / np.array([[row.columns * row.period] for row in rows]))
+    ratios = np.array(medians) / (medians[0] if installed("mujoco") else math.nan)
+    return [row._replace(time=a, spread=b, ratio=float(c)) for row, a, b, c in zip(rows, medians, spreads, ratios)]

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -70,16 +71,10 @@ def chain(links: int) -> Model:
     x, y, z = arm.links[1].center_of_mass
     bodies = (replace(arm.links[1], name=name, center_of_mass=(x, y, -z)) for name in names[1:])
     length = max(abs(value) for value in arm.joints[2].xyz)
+    axes = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
     joints = tuple(
-        Joint(
-            f"joint{k + 1}",
-            "continuous",
-            names[k],
-            names[k + 1],
-            (0.0, 0.0, -length if k else 0.0),
-            axis=(0.0, 1.0, 0.0) if k % 2 == 0 else (1.0, 0.0, 0.0),
-        )
-        for k in range(links)
+        Joint(f"joint{k + 1}", "continuous", parent, child, (0.0, 0.0, -length if k else 0.0), axis=axes[k % 2])
+        for k, (parent, child) in enumerate(pairwise(names))
     )
     return Model(f"chain{links}", (Link(names[0], 0.0, (0.0,) * 3, (0.0,) * 6), *bodies), joints)
 

@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -65,11 +66,9 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     return tabulate(out_dir / "session.csv", Row, rows, machine())
 
 
-def _rates(scene: CompiledScene, turns: int) -> list[Row]:
+def _rates(scene: CompiledScene, turns: int) -> Iterator[Row]:
     """Compare the rate of a session with that of one call, by wall time and by CPU time on one core."""
     action = np.zeros((ROBOTS, scene.tree.n))
-    still = [Reference([0.0], row[None]) for row in action]
-    found = []
     for threads, name, clock in ((None, "session", time.perf_counter), (1, "session, by CPU time", time.process_time)):
         with Session(scene, ROBOTS, threads=threads) as session:
 
@@ -78,13 +77,15 @@ def _rates(scene: CompiledScene, turns: int) -> list[Row]:
                 for _ in range(TICKS):
                     session.step(action)
 
-            def batch() -> None:
-                simulate_batch(scene, TICKS * session.tick, references=still, record=(), estimate_error=False)
+            times = in_turn([_batch(scene, ROBOTS), stepped], turns, clock, warm=1).T
+        yield _row(f"rate of {ROBOTS} in a {name}, over that of simulate_batch", times[0] / times[1], "-")
 
-            times = in_turn([batch, stepped], turns, clock, warm=1).T
-            what = f"rate of {ROBOTS} in a {name}, over that of simulate_batch"
-            found.append(_row(what, times[0] / times[1], "-"))
-    return found
+
+def _batch(scene: CompiledScene, count: int, **how: Any) -> Callable[[], object]:
+    """Prepare one call that simulates some robots for as long as the sessions run."""
+    still = [Reference([0.0], np.zeros((1, scene.tree.n)))] * count
+    duration = TICKS * scene.tick_steps * scene.timestep
+    return partial(simulate_batch, scene, duration, references=still, record=(), estimate_error=False, **how)
 
 
 def _overhead(scene: CompiledScene, turns: int) -> Row:
@@ -105,22 +106,11 @@ def _overhead(scene: CompiledScene, turns: int) -> Row:
         return _row("overhead of a tick of one robot", 1e6 * (whole - kernel) / TICKS, "us")
 
 
-def _controllers(scene: CompiledScene, turns: int) -> list[Row]:
-    still = [Reference([0.0], np.zeros((1, scene.tree.n)))] * ROBOTS
-    duration, found = TICKS * scene.tick_steps * scene.timestep, []
+def _controllers(scene: CompiledScene, turns: int) -> Iterator[Row]:
     for count in (1, ROBOTS):
-
-        def plain(count: int = count) -> None:
-            simulate_batch(scene, duration, references=still[:count], record=(), estimate_error=False)
-
-        def controlled(count: int = count) -> None:
-            simulate_batch(
-                scene, duration, references=still[:count], record=(), estimate_error=False, controller=upright
-            )
-
-        times = in_turn([plain, controlled], turns, time.process_time, warm=1).T
-        found.append(_row(f"CPU time of {count} with a compiled controller, by that without", times[1] / times[0], "-"))
-    return found
+        calls = [_batch(scene, count), _batch(scene, count, controller=upright)]
+        times = in_turn(calls, turns, time.process_time, warm=1).T
+        yield _row(f"CPU time of {count} with a compiled controller, by that without", times[1] / times[0], "-")
 
 
 def _environments(scene: CompiledScene, turns: int) -> list[Row]:

@@ -176,12 +176,8 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
         at = h * np.arange(steps)
         control = np.stack([np.stack([np.interp(at, times, c) for c in r.T], axis=1) for r in references])
         begin = standing_on(spec_model, data[0], references[0][0])
-        states, _ = rollout.rollout(
-            spec_model,
-            data[:threads],
-            initial_state=np.repeat(begin[None], len(references), axis=0),
-            control=control,
-        )
+        starts = np.repeat(begin[None], len(references), axis=0)
+        states, _ = rollout.rollout(spec_model, data[:threads], initial_state=starts, control=control)
         every = round(0.01 / h)
         height = 0.6 * begin[3]
         paths[h] = [s[every - 1 :: every, 1:4] if (s[:, 3] > height).all() else None for s in states]
