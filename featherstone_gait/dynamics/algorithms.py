@@ -347,7 +347,7 @@ def forward_kinematics(model: Model, q: ArrayLike, link: str | None = None) -> P
     """
     check_model(model)
     if link is None:
-        return _link_poses(model, q, _names(model))
+        return _link_poses(model, q, list(model.link_rows))
     rotation, position = _link_poses(model, q, [model.link(link).name])
     return Poses(rotation[..., 0, :, :], position[..., 0, :])
 
@@ -411,8 +411,8 @@ def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.
     check_model(model)
     check_springs(model.links, springs)
     poses = forward_kinematics(model, q)
-    b = _points(_names(model), poses, [(spring.b, spring.point_b) for spring in springs])
-    return b - _points(_names(model), poses, [(spring.a, spring.point_a) for spring in springs])
+    b = _points(list(model.link_rows), poses, [(spring.b, spring.point_b) for spring in springs])
+    return b - _points(list(model.link_rows), poses, [(spring.a, spring.point_a) for spring in springs])
 
 
 def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
@@ -437,7 +437,7 @@ def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
     """
     check_model(model)
     links = [point.link for point in model.contacts]
-    links = list(dict.fromkeys(links)) or _names(model)
+    links = list(dict.fromkeys(links)) or list(model.link_rows)
     return deepest_points(model, _link_poses(model, q, links), (0.0, 0.0, 1.0), links)
 
 
@@ -478,7 +478,7 @@ def deepest_points(model: Model, poses: Poses, normal: ArrayLike, links: Sequenc
     numpy.ndarray
         Positions (..., points, 3) in the world [m].
     """
-    links = _names(model) if links is None else links
+    links = list(model.link_rows) if links is None else links
     points = _points(links, poses, [(point.link, point.position) for point in model.contacts])
     if not any(point.radius or point.circle_radius for point in model.contacts):
         return points
@@ -492,10 +492,6 @@ def deepest_points(model: Model, poses: Poses, normal: ArrayLike, links: Sequenc
     thin = FLATNESS**2 * across
     size = np.sqrt((level * level).sum(axis=-1, keepdims=True) + thin * across)
     return points - FLATNESS * rim * a - radius * n - rim / size * (level + thin * a)
-
-
-def _names(model: Model) -> list[str]:
-    return [link.name for link in model.links]
 
 
 def _points(links: Sequence[str], poses: Poses, points: list[tuple[str, Sequence[float]]]) -> np.ndarray:
@@ -585,9 +581,7 @@ def _robot(model: Model, armature: ArrayLike | None, gravity: ArrayLike) -> Robo
 
 def _still(tree: Tree, q: np.ndarray) -> Motion:
     """Make states at rest."""
-    base_q, joints = _split(tree, q)
-    base_qd = None if base_q is None else np.zeros((len(q), 6))
-    return Motion(base_q, base_qd, None, joints, np.zeros(joints.shape), None)
+    return _motion(tree, q, np.zeros((len(q), tree.n + (6 if tree.floating else 0))))
 
 
 def _motion(tree: Tree, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray | None = None) -> Motion:
@@ -612,7 +606,7 @@ def _solve(
         work = aligned((1, *tree.workspace_shape(), WIDTH))
         packed = [_to_lanes(a) for a in outs]
         lanes(robot, *(_to_lanes(a) for a in given), work, *packed)
-        outs = [_from_lanes(a, n) for a in packed]
+        outs = [a if a is None else np.moveaxis(a, -1, 1).reshape(-1, *a.shape[1:-1])[:n] for a in packed]
     return np.concatenate([a for a in outs if a is not None], axis=1)
 
 
@@ -627,13 +621,6 @@ def _to_lanes(a: Motion | np.ndarray | None) -> Any:
     out = aligned((blocks, *a.shape[1:], WIDTH))
     out[:] = np.moveaxis(filled.reshape(blocks, WIDTH, *a.shape[1:]), 1, -1)
     return out
-
-
-def _from_lanes(a: np.ndarray | None, n: int) -> np.ndarray | None:
-    """Undo `_to_lanes`."""
-    if a is None:
-        return None
-    return np.moveaxis(a, -1, 1).reshape(-1, *a.shape[1:-1])[:n]
 
 
 def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrenches | None) -> np.ndarray | None:

@@ -155,7 +155,12 @@ def inverse_kinematics(
     """
     check_model(model)
     instance("hold_base", hold_base, (bool, np.bool_), "give True or False")
-    goals = [_goal(model, target) for target in _listed(targets)]
+    remedy = "give Target(link, position) or a list of them"
+    found = [targets] if isinstance(targets, Target) else listed("targets", targets, remedy)
+    for target in found:
+        if not isinstance(target, Target):
+            raise ValueError(f"targets holds {shown(target)}; {remedy}")
+    goals = [_goal(model, target) for target in found]
     if not goals:
         raise ValueError(f"{model.name}: there is no target; give at least one Target(link, position)")
     real("tolerance", tolerance, TIGHTEST, math.inf, "1e-9 is usual")
@@ -168,9 +173,9 @@ def inverse_kinematics(
     for _ in range(restarts):
         if best.error < tolerance:
             break
-        found = _attempt(task, _anywhere(task, start, rng), rng)
-        better = found if found.error < best.error else best
-        best = better._replace(iterations=best.iterations + found.iterations)
+        other = _attempt(task, _anywhere(task, start, rng), rng)
+        better = other if other.error < best.error else best
+        best = better._replace(iterations=best.iterations + other.iterations)
     return IKResult(best.q, _status(task, best, rng), best.error, best.iterations)
 
 
@@ -236,27 +241,26 @@ def _attempt(task: _Task, q: np.ndarray, rng: np.random.Generator) -> _Found:
 
 def _descend(task: _Task, q: np.ndarray) -> _Found:
     """Iterate from q until the targets are met or nothing improves."""
-    mu, (e, J) = 1.0, _errors(task, q)
+    free, mu, (e, J) = task.free, 1.0, _errors(task, q)
     for iteration in range(task.max_iterations):
-        size, active = total(e * e), J * _may_move(task, q, total(J * e[:, None], axis=0))
-        if math.sqrt(size) < task.tolerance or _has_settled(active, e):
+        size, downhill, z = total(e * e), total(J * e[:, None], axis=0), _coordinates(task, q)
+        active = J * np.where(downhill > 0.0, z < free.upper, z > free.lower).astype(float)  # 0 for those at a limit
+        lengths = np.sqrt(total(active * active, axis=0) * size)
+        settled = (np.abs(total(active * e[:, None], axis=0)) <= SETTLED * lengths).all()
+        if math.sqrt(size) < task.tolerance or settled:
             return _Found(q, math.sqrt(size), iteration, True)
-        new, step = _moved(task, q, _damped_step(active, e, mu * float(size), task.free.turns))
+        new, step = _moved(task, q, _damped_step(active, e, mu * float(size), free.turns))
         left, (e_new, J_new) = e - applied(J, step), _errors(task, new)
         gain, promised = size - total(e_new * e_new), size - total(left * left)
         if abs(promised) < ROUNDING * size:
             return _Found(q, math.sqrt(size), iteration, True)
         if gain > LEAST_GAIN * promised > 0.0:
             q, e, J = new, e_new, J_new
-        mu *= _damping_change(float(gain), float(promised))
+        if promised <= 0.0 or gain < 0.25 * promised:  # its clipped part may promise nothing
+            mu *= 4.0
+        elif gain > 0.75 * promised:
+            mu *= 0.25
     return _Found(q, math.sqrt(total(e * e)), task.max_iterations, False)
-
-
-def _damping_change(gain: float, promised: float) -> float:
-    """Return the factor on the damping after a step with this gain and promised gain of the squared error."""
-    if promised <= 0.0 or gain < 0.25 * promised:  # its clipped part may promise nothing
-        return 4.0
-    return 0.25 if gain > 0.75 * promised else 1.0
 
 
 def _damped_step(J: np.ndarray, e: np.ndarray, damping: float, turns: np.ndarray) -> np.ndarray:
@@ -266,18 +270,6 @@ def _damped_step(J: np.ndarray, e: np.ndarray, damping: float, turns: np.ndarray
     A[np.diag_indices(len(A))] += max(damping, LEAST_DAMPING * diagonal)
     step = applied(J.T, solve(A, e[:, None])[:, 0])
     return step / max(1.0, np.abs(step[turns]).max(initial=0.0) / LARGEST_TURN)
-
-
-def _has_settled(J: np.ndarray, e: np.ndarray) -> bool:
-    """Return whether the error is orthogonal to all columns."""
-    lengths = np.sqrt(total(J * J, axis=0) * total(e * e))
-    return bool((np.abs(total(J * e[:, None], axis=0)) <= SETTLED * lengths).all())
-
-
-def _may_move(task: _Task, q: np.ndarray, downhill: np.ndarray) -> np.ndarray:
-    """Return 1 for coordinates that may move downhill, 0 for those at a limit there."""
-    z = _coordinates(task, q)
-    return np.where(downhill > 0.0, z < task.free.upper, z > task.free.lower).astype(float)
 
 
 def _moved(task: _Task, q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -427,15 +419,6 @@ def _range(model: Model, leader: int, couplings: list[_Coupling]) -> tuple[float
             "limits; correct the limits, or the multipliers and offsets"
         )
     return lower, upper
-
-
-def _listed(targets: Target | Sequence[Target]) -> Sequence[Target]:
-    remedy = "give Target(link, position) or a list of them"
-    found = [targets] if isinstance(targets, Target) else listed("targets", targets, remedy)
-    for target in found:
-        if not isinstance(target, Target):
-            raise ValueError(f"targets holds {shown(target)}; {remedy}")
-    return found
 
 
 def _goal(model: Model, target: Target) -> _Goal:

@@ -55,11 +55,6 @@ def with_contacts(model: Model, choice: Choice) -> Model:
         For meshes whose reader is not installed.
     """
     instance("model", model, Model, "give what load_robot returns")
-    return replace(model, contacts=chosen_points(model, choice))
-
-
-def chosen_points(model: Model, choice: Choice) -> tuple[ContactPoint, ...]:
-    """Compute the contact points of `with_contacts`."""
     if not model.shapes:
         raise ValueError(
             f"{model.name}: contacts={choice!r}, but no link has a collision shape: add <collision> elements to its "
@@ -68,10 +63,22 @@ def chosen_points(model: Model, choice: Choice) -> tuple[ContactPoint, ...]:
     if isinstance(choice, str):
         if choice not in ("all", "feet"):
             raise ValueError(f"contacts is {choice!r}; expected 'all', 'feet' or a list of links: write [{choice!r}]")
-        return _carrying(model, contact_points(model.shapes) if choice == "all" else _sole_points(model))
+        points = contact_points(model.shapes) if choice == "all" else _sole_points(model)
+        return replace(model, contacts=_carrying(model, points))
     choice = texts("contacts", choice, "expected 'all', 'feet' or a list of links")
-    _check_links(model, choice)
-    return _carrying(model, contact_points(shape for shape in model.shapes if shape.link in choice))
+    shaped = list(dict.fromkeys(shape.link for shape in model.shapes))
+    if not choice:
+        raise ValueError(f"{model.name}: contacts names no link; use some of {', '.join(shaped)}")
+    for name in choice:
+        if name not in model.link_rows:
+            raise ValueError(f"{model.name}: contacts: there is no link {name!r}; use some of {', '.join(shaped)}")
+        if name not in shaped:
+            raise ValueError(
+                f"{model.name}: contacts: link {name!r} has no collision shape; use some of {', '.join(shaped)}, or "
+                "add a <collision> to it"
+            )
+    points = contact_points(shape for shape in model.shapes if shape.link in choice)
+    return replace(model, contacts=_carrying(model, points))
 
 
 def contact_points(shapes: Iterable[Shape]) -> tuple[ContactPoint, ...]:
@@ -182,8 +189,7 @@ def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) ->
 
     poses: those of all links.
     """
-    rows = {link.name: k for k, link in enumerate(model.links)}
-    at = [rows[point.link] for point in points]
+    at = [model.link_rows[point.link] for point in points]
     local = np.array([point.position for point in points]).reshape(-1, 3)
     axes = np.array([point.axis for point in points]).reshape(-1, 3)
     up = poses.rotation[..., at, 2, :]
@@ -223,7 +229,7 @@ def _lower_half(model: Model, shape: Shape, poses: Poses) -> list[ContactPoint]:
     """Compute the contact points of a shape; of corners those of its lower half at rest, chosen along world axes."""
     if isinstance(shape.geometry, Sphere | Capsule | Cylinder):
         return _points(shape)
-    E = product(poses.rotation[[link.name for link in model.links].index(shape.link)], rotation_from_rpy(shape.rpy))
+    E = product(poses.rotation[model.link_rows[shape.link]], rotation_from_rpy(shape.rpy))
     corners = _every_corner(shape)
     upright = applied(E, corners)
     heights = upright[:, 2]
@@ -278,18 +284,3 @@ def _bodies(model: Model) -> tuple[dict[str, int], set[int]]:
         if k in shaped or k in carries:
             carries.add(parent[k])
     return body, shaped - carries
-
-
-def _check_links(model: Model, names: Sequence[str]) -> None:
-    """Raise ValueError unless every link is there and has a shape."""
-    shaped = list(dict.fromkeys(shape.link for shape in model.shapes))
-    if not names:
-        raise ValueError(f"{model.name}: contacts names no link; use some of {', '.join(shaped)}")
-    for name in names:
-        if name not in {link.name for link in model.links}:
-            raise ValueError(f"{model.name}: contacts: there is no link {name!r}; use some of {', '.join(shaped)}")
-        if name not in shaped:
-            raise ValueError(
-                f"{model.name}: contacts: link {name!r} has no collision shape; use some of {', '.join(shaped)}, or "
-                "add a <collision> to it"
-            )

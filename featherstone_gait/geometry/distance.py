@@ -146,12 +146,11 @@ def _room(shapes: Shapes) -> Room:
 @functools.lru_cache(maxsize=64)
 def _laid(model: Model) -> Shapes:
     """Lay the shapes of a robot out for the kernels."""
-    rows = {link.name: k for k, link in enumerate(model.links)}
     table = records(len(model.shapes), SHAPE)
     corners, normals, edges = ([np.zeros((0, 3))] for _ in range(3))
     row: Any
     for row, shape in zip(table, model.shapes):
-        row.link, row.E = rows[shape.link], rotation_from_rpy(shape.rpy).ravel()
+        row.link, row.E = model.link_rows[shape.link], rotation_from_rpy(shape.rpy).ravel()
         row.first, row.first_normal, row.first_edge = (sum(map(len, part)) for part in (corners, normals, edges))
         more = _fill(row, shape)
         hull = sides(more) if len(more) else Sides(more, more)

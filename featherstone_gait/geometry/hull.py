@@ -141,17 +141,11 @@ def _outside(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
     from scipy.spatial import ConvexHull
 
     flat = _flattened(corners)
-    simplices = ConvexHull(corners).simplices if flat.shape[1] == 3 else _fan(flat)
-    triangles = corners[simplices]
+    hull = ConvexHull(flat)
+    first, *others = hull.vertices
+    fan = [(first, a, b) for a, b in pairwise(others)]  # of triangles, that fills a hull in a plane
+    triangles = corners[hull.simplices if flat.shape[1] == 3 else fan]
     return np.concatenate([_to_triangles(x[k : k + CHUNK], triangles) for k in range(0, len(x), CHUNK)])
-
-
-def _fan(flat: np.ndarray) -> np.ndarray:
-    """Fill the hull of points in a plane with triangles (n, 3) of indices."""
-    from scipy.spatial import ConvexHull
-
-    around = ConvexHull(flat).vertices
-    return np.array([(around[0], a, b) for a, b in pairwise(around[1:])])
 
 
 def _to_triangles(x: np.ndarray, triangles: np.ndarray) -> np.ndarray:

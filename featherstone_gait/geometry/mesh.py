@@ -11,11 +11,14 @@ import functools
 import io
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
-from xml.etree.ElementTree import Element
+from typing import Any, NamedTuple, cast
+from xml.etree.ElementTree import Element, ParseError, tostring
 
 import numpy as np
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import fromstring
 
 from ..model.shapes import Mesh
 from .hull import Corners, corners_of, hull_indices
@@ -130,15 +133,21 @@ def _contents(path: Path) -> tuple[str, bytes, float]:
 
 def _read(path: Path, data: bytes, kind: str, resolver: Any = None) -> list[Part]:
     """Parse the parts of a mesh, each where the file puts it, in the unit of the file."""
-    trimesh = _reader(kind)
+    try:
+        if kind == "dae":
+            import collada  # noqa: F401
+        import trimesh
+    except ImportError as error:
+        raise ImportError(f"meshes are read by {error.name}: pip install featherstone-gait[mesh]") from error
     if kind == "gltf":
         resolver = _Beside(path, ".bin")
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, resolver=resolver)
-        parts = [
-            Part(np.asarray(part.vertices, dtype=float).reshape(-1, 3), _faces(part), _color(part, kind))
-            for part in scene.dump()
-        ]
+        parts, found = [], cast(Any, scene).dump()
+        for part in found:
+            points = np.asarray(part.vertices, dtype=float).reshape(-1, 3)
+            faces = np.asarray(getattr(part, "faces", ()), dtype=int).reshape(-1, 3)  # points and lines have none
+            parts.append(Part(points, faces, _color(part, kind)))
     except Exception as error:  # a damaged file can make the reader fail in any way
         raise ValueError(f"{path}: cannot be read as {kind.upper()}: {error!r}; export the mesh again") from error
     if not sum(len(part.points) for part in parts):
@@ -156,7 +165,7 @@ def _joined(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
 def _colored(path: Path, count: int) -> list[Part] | None:
     """Read the parts of a DAE with its materials; None if these make the reader drop some of the triangles."""
     try:
-        found = _read(path, _without_textures(path.read_bytes()), "dae")
+        found = _read(path, _without(fromstring(path.read_bytes(), forbid_dtd=True), _is_texture), "dae")
     except ValueError:
         return None
     return found if sum(len(part.triangles) for part in found) == count else None
@@ -192,28 +201,8 @@ def _color(part: Any, kind: str) -> Color | None:
     return r, g, b
 
 
-def _faces(part: Any) -> np.ndarray:
-    """Return the triangles (m, 3) of a part, none for points and lines."""
-    return np.asarray(getattr(part, "faces", ()), dtype=int).reshape(-1, 3)
-
-
-def _reader(kind: str) -> Any:
-    try:
-        if kind == "dae":
-            import collada  # noqa: F401
-        import trimesh
-    except ImportError as error:
-        raise ImportError(f"meshes are read by {error.name}: pip install featherstone-gait[mesh]") from error
-    return trimesh
-
-
 def _without_colors(path: Path, data: bytes) -> tuple[bytes, float]:
     """Strip a DAE of its materials, since broken ones make the reader drop triangles; also return meters per unit."""
-    from xml.etree.ElementTree import ParseError, tostring
-
-    from defusedxml.common import DefusedXmlException
-    from defusedxml.ElementTree import fromstring
-
     try:
         root = fromstring(data, forbid_dtd=True)
         stated = root.find("{*}asset/{*}unit")
@@ -222,23 +211,19 @@ def _without_colors(path: Path, data: bytes) -> tuple[bytes, float]:
         raise ValueError(f"{path}: cannot be read as DAE: {error}; export the mesh again") from error
     if not 0.0 < unit < math.inf:
         raise ValueError(f"{path}: a unit of {unit!r} m; expected > 0: correct <unit meter=...>")
+    return _without(root, lambda child: _tag(child) in COLORS), unit
+
+
+def _is_texture(child: Element) -> bool:
+    """Return whether an element of a DAE states a texture."""
+    return _tag(child) in TEXTURES or any(_tag(x) == "texture" for x in child)
+
+
+def _without(root: Element, drop: Callable[[Element], bool]) -> bytes:
+    """Write XML without some elements."""
     for element in list(root.iter()):
-        for child in [child for child in element if _tag(child) in COLORS]:
+        for child in [child for child in element if drop(child)]:
             element.remove(child)
-    return tostring(root), unit
-
-
-def _without_textures(data: bytes) -> bytes:
-    """Reduce the materials of a DAE to plain colors; `_without_colors` has checked the file before."""
-    from xml.etree.ElementTree import tostring
-
-    from defusedxml.ElementTree import fromstring
-
-    root = fromstring(data, forbid_dtd=True)
-    for element in list(root.iter()):
-        for child in list(element):
-            if _tag(child) in TEXTURES or any(_tag(x) == "texture" for x in child):
-                element.remove(child)
     return tostring(root)
 
 

@@ -6,6 +6,7 @@ the element, the value, what is allowed and a remedy.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import field, fields
@@ -59,17 +60,13 @@ def quantity(rule: str, unit: str, default: float, remedy: str = "") -> Any:
 
 def quantity_flaws(what: str, record: Any) -> Iterator[str]:
     """Check the fields that are declared with `allowed` or `quantity`."""
-    for name, metadata in _declared(type(record)):
+    for name, metadata in _declared(type(record)):  # type: ignore[arg-type]  # which hashes
         yield from number_flaws(what, name, getattr(record, name), **metadata)
 
 
-_known: dict[type, list[tuple[str, Mapping[str, str]]]] = {}
-
-
+@functools.cache
 def _declared(kind: type) -> list[tuple[str, Mapping[str, str]]]:
-    if kind not in _known:
-        _known[kind] = [(f.name, f.metadata) for f in fields(kind) if f.metadata]
-    return _known[kind]
+    return [(f.name, f.metadata) for f in fields(kind) if f.metadata]
 
 
 def number_flaws(what: str, name: str, value: Any, rule: str, unit: str, remedy: str) -> Iterator[str]:

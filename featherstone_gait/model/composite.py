@@ -59,7 +59,13 @@ def mass_matrix(
     slides = np.array(bodies.prismatic)
     for k in range(1, n):
         arm = c[k] - o[k]
-        force, moment, size[k + 5] = _effort(bodies.prismatic[k], E[k][:, 2], m[k], arm, J[k])
+        axis = E[k][:, 2]
+        if bodies.prismatic[k]:  # force, and moment about the joint, for a unit acceleration of it
+            force, size[k + 5] = m[k] * axis, m[k]
+            moment = cross(arm, force)
+        else:
+            force, size[k + 5] = m[k] * cross(axis, arm), np.abs(J[k]).sum() + m[k] * dot(arm, arm)
+            moment = applied(J[k], axis) + cross(arm, force)
         H[k + 5, :3] = force
         H[k + 5, 3:6] = moment + cross(o[k] - o[0], force)
         path = _path(bodies.parent, k)
@@ -135,13 +141,3 @@ def _base_block(m: float, arm: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, n
     whole = np.empty((6, 6))  # np.block takes ten times as long
     whole[:3, :3], whole[:3, 3:], whole[3:, :3], whole[3:, 3:] = m * np.eye(3), -m * K, m * K, about
     return whole, np.repeat([m, np.abs(about).sum()], 3)
-
-
-def _effort(
-    prismatic: bool, axis: np.ndarray, m: float, arm: np.ndarray, J: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Compute force (3,) and moment (3,) about the joint for a unit acceleration of it, and its size."""
-    if prismatic:
-        return m * axis, cross(arm, m * axis), m
-    force = m * cross(axis, arm)
-    return force, applied(J, axis) + cross(arm, force), np.abs(J).sum() + m * dot(arm, arm)

@@ -161,10 +161,8 @@ class Joint:
         turned = list(vector_flaws(what, "rpy", self.rpy, 3))
         yield from turned or angle_flaws(what, "rpy", self.rpy)
         yield from vector_flaws(what, "axis", self.axis, 3)
-        if isinstance(self.type, str) and self.type != "fixed":
-            yield from self._motion_flaws(what)
-
-    def _motion_flaws(self, what: str) -> Iterator[str]:
+        if not isinstance(self.type, str) or self.type == "fixed":
+            return
         if not any(vector_flaws(what, "axis", self.axis, 3)) and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
             yield f"{what}: axis {self.axis!r} is not of unit length; divide it by its length"
         if not (is_real(self.lower) and is_real(self.upper)):

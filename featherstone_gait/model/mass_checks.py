@@ -26,17 +26,12 @@ def indefinite_flaws(
     The mass matrix is positive definite if every moving body alone resists every motion.  A body that does not may
     still be carried by, or carry, others that do: then the matrix itself is checked, in a few postures.
     """
-    if _resist([body for body in bodies if body.frame.joint or floating]):
-        return []
+    moving = [body for body in bodies if body.frame.joint or floating]
+    if all(body.mass > 0 for body in moving):
+        moments = np.linalg.eigvalsh(np.array([body.inertia for body in moving]).reshape(-1, 3, 3))
+        if (moments[:, 0] > DEFINITE_TOLERANCE * moments[:, 2]).all():
+            return []
     return [*_massless_flaws(bodies, floating)] or _idle_flaws(robot, bodies, floating, couplings)
-
-
-def _resist(bodies: list[RigidBody]) -> bool:
-    """Return whether each of the bodies alone has an inertia against every motion."""
-    if not bodies or not all(body.mass > 0 for body in bodies):
-        return not bodies
-    moments = np.linalg.eigvalsh(np.array([body.inertia for body in bodies]))
-    return bool((moments[:, 0] > DEFINITE_TOLERANCE * moments[:, 2]).all())
 
 
 def _massless_flaws(bodies: list[RigidBody], floating: bool) -> Iterator[Flaw]:
@@ -54,9 +49,7 @@ def _named(body: RigidBody) -> str:
     return f"link {leader!r}" + (f" with {quoted(attached)} rigidly attached" if attached else "")
 
 
-def _idle_flaws(
-    robot: str, bodies: list[RigidBody], floating: bool, couplings: Callable[[], Couplings]
-) -> list[Flaw]:
+def _idle_flaws(robot: str, bodies: list[RigidBody], floating: bool, couplings: Callable[[], Couplings]) -> list[Flaw]:
     """Find what moves without inertia, in the first posture in which something does."""
     if len(bodies) > MAX_JOINTS:
         text = f"robot {robot!r} has {len(bodies) - 1} moving joints and bodies without inertia of their own"

@@ -35,7 +35,7 @@ class Poses(NamedTuple):
 def link_poses(model: Model, q: np.ndarray) -> Poses:
     """Compute the pose of every link, in the order of `model.links`; q: (nq,)."""
     placements = rigid_bodies(model)[1]
-    E, o = _frames(_bodies(model), _positions(model, q))
+    E, o = _frames(rows_of(rigid_bodies(model)[0]), _positions(model, q))
     places = [placements[link.name] for link in model.links]
     at = [place.row for place in places]
     rotation = product(E[at], np.array([place.E for place in places]))
@@ -56,7 +56,7 @@ def mass_center(model: Model, q: np.ndarray) -> np.ndarray:
 
 def mass_matrix_at_zero(model: Model, armature: np.ndarray | None) -> np.ndarray:
     """Compute the mass matrix (nv, nv) at zero; armature: (joints,) [kg m^2 or kg] or None."""
-    bodies, order = _bodies(model), _coordinates(model)
+    bodies, order = rows_of(rigid_bodies(model)[0]), _coordinates(model)
     rotors = np.zeros(len(bodies.parent))
     if armature is not None:
         rotors[1:] = armature[order]
@@ -70,7 +70,7 @@ def mass_matrix_at_zero(model: Model, armature: np.ndarray | None) -> np.ndarray
 @functools.lru_cache(maxsize=8)
 def _composites(model: Model, q: bytes) -> tuple[np.ndarray, ...]:
     """Cache `frames` and `composites` of a posture; not to be changed."""
-    bodies = _bodies(model)
+    bodies = rows_of(rigid_bodies(model)[0])
     E, o = _frames(bodies, np.frombuffer(q))
     return E, o, *composites(bodies, E, o)
 
@@ -89,10 +89,6 @@ def _known_frames(
     rotation, origin = np.frombuffer(E).reshape(n, 3, 3), np.frombuffer(r).reshape(n, 3)
     bodies = Bodies(list(parent), rotation, origin, list(slides), none, none, none, none)
     return frames(bodies, np.frombuffer(q))
-
-
-def _bodies(model: Model) -> Bodies:
-    return rows_of(rigid_bodies(model)[0])
 
 
 def _coordinates(model: Model) -> list[int]:

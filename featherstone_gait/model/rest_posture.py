@@ -49,11 +49,8 @@ def nearest_positions(joints: Iterable[Joint], locked: Mapping[str, float] | Non
             ranges[leader.name] = (lower, upper) if lower <= upper else ranges[leader.name]
     leaders = {name: held.get(name, min(max(0.0, ranges[name][0]), ranges[name][1])) for name in by_name}
     at = {name: multiplier * leaders[leader.name] + offset for name, (leader, multiplier, offset) in laws.items()}
-    moving = [joint for joint in by_name.values() if joint.type != "fixed"]
-    return {joint.name: held.get(joint.name, _without_rounding(joint, at[joint.name])) for joint in moving}
-
-
-def _without_rounding(joint: Joint, position: float) -> float:
-    """Return the limit for a position that only rounding has put beyond it; others unchanged."""
-    within = min(max(position, joint.lower), joint.upper)
-    return within if math.isclose(within, position, rel_tol=ROUNDING, abs_tol=ROUNDING) else position
+    for name, joint in by_name.items():
+        within = min(max(at[name], joint.lower), joint.upper)
+        if math.isclose(within, at[name], rel_tol=ROUNDING, abs_tol=ROUNDING):  # only rounding has put it beyond
+            at[name] = within
+    return {name: held.get(name, at[name]) for name, joint in by_name.items() if joint.type != "fixed"}

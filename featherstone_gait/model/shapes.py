@@ -16,8 +16,16 @@ from ..base.arguments import floats, instance, is_real, shown, vector
 Vector = tuple[float, float, float]
 
 
+class _Round:
+    """A shape of lengths alone."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            _check_length(type(self).__name__.lower(), name, value)
+
+
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(_Round):
     """A sphere about the origin of the shape.
 
     Attributes
@@ -28,12 +36,9 @@ class Sphere:
 
     radius: float
 
-    def __post_init__(self) -> None:
-        _check_length("sphere", "radius", self.radius)
-
 
 @dataclass(frozen=True)
-class Capsule:
+class Capsule(_Round):
     """A cylinder along z with half a sphere on either end.
 
     Attributes
@@ -47,13 +52,9 @@ class Capsule:
     radius: float
     length: float
 
-    def __post_init__(self) -> None:
-        _check_length("capsule", "radius", self.radius)
-        _check_length("capsule", "length", self.length)
-
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(_Round):
     """A cylinder along z, its middle at the origin of the shape.
 
     Attributes
@@ -66,10 +67,6 @@ class Cylinder:
 
     radius: float
     length: float
-
-    def __post_init__(self) -> None:
-        _check_length("cylinder", "radius", self.radius)
-        _check_length("cylinder", "length", self.length)
 
 
 @dataclass(frozen=True)
