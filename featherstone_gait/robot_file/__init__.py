@@ -36,8 +36,8 @@ and ``load_robot(..., strict=True)`` refuses it.  What has no meaning is refused
 strictly.  Of other files only meshes are opened, where contact points or clearances of such shapes are asked for.
 """
 
-from .errors import RobotFileError, RobotFileNotFoundError, RobotFileWarning
 from .load import load_robot
+from .report import RobotFileError, RobotFileNotFoundError, RobotFileWarning
 from .save import save_robot
 from .servos import gearbox_presets, load_servo
 from .source import robot_names

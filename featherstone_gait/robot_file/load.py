@@ -15,10 +15,9 @@ from ..model.rest_posture import nearest_positions
 from ..model.tree_checks import check_locked
 from .collision import MeshFinder
 from .coupling import MimicMode, resolve_couplings
-from .errors import RobotFileError, blamed_on
 from .markup import read_markup
 from .mjcf.read import read_mjcf
-from .report import Report
+from .report import Report, RobotFileError, blamed_on
 from .robot import Robot
 from .settings import Settings, read_settings
 from .simtwo.read import read_simtwo

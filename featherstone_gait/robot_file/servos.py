@@ -14,7 +14,7 @@ from ..base.arguments import instance
 from ..base.files import FilePath
 from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Model, Servo
 from ..model.tree_checks import check_servos
-from .errors import RobotFileError, blamed_on
+from .report import RobotFileError, blamed_on
 from .source import robots_folder
 from .toml import check_keys, read_toml, real, string, table_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from .errors import RobotFileNotFoundError
+from .report import RobotFileNotFoundError
 
 MAX_BYTES = 10_000_000  # of one file
 SUFFIXES = (".urdf", ".xml", ".mjcf")  # of robots

@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 from xml.etree.ElementTree import Element
 
+import numpy as np
+
 from ..base.rotation import dot, rotation_from_rpy
-from ..model import Joint, Link, Mimic
+from ..model import Joint, Link, Mimic, inertia_matrix
 from ..model.checks import check_angles
+from ..model.mass_checks import DEFINITE_TOLERANCE
 from ..model.rigid_bodies import inertia_tuple, turned_inertia
 from .collision import MeshFinder, read_shapes
 from .grammar import label, tidy
-from .inertia import note_inertia, repaired
 from .markup import Vector, number, number_or_inf, vector
 from .report import Report
 from .robot import MASSLESS, Robot
@@ -23,6 +25,7 @@ from .robot import MASSLESS, Robot
 T = TypeVar("T")
 
 MAX_LINKS = 10_000
+TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and files round to about seven digits
 
 _IGNORED_LENGTH_ERROR = 1e-14  # an axis this close to unit length is kept to the last bit
 _NOTED_LENGTH_ERROR = 1e-6
@@ -70,8 +73,8 @@ def _link(element: Element, report: Report, repair_inertia: bool) -> Link:
     link = _sound(element, report, _body)
     if link is None:
         return Link(_printable_name(element, report), 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
-    link = repaired(link, report) if repair_inertia else link
-    note_inertia(link, element, report)
+    link = _repaired(link, report) if repair_inertia else link
+    _note_inertia(link, element, report)
     return link
 
 
@@ -238,3 +241,54 @@ def _without_world(
         return links
     report.remark(f"dropped link {world!r} and {what}: the base floats, and its pose is part of the state")
     return tuple(link for link in links if link.name != world)
+
+
+# ---------------------------------------------------------------------------------------------- inertias
+
+
+def _note_inertia(link: Link, element: Element, report: Report) -> None:
+    """Report an inertia that no distribution of the mass has; points and rods have a possible one."""
+    what, inertia = f"link {link.name!r}", tuple(link.inertia)
+    if link.mass == 0:
+        if any(inertia):
+            found = f"mass is 0 but inertia is {inertia!r}"
+            report.assume(element, what, found, "taken as stated", "give a mass > 0, or set both to 0")
+        return
+    A, B, C = _moments(link)
+    if A < -DEFINITE_TOLERANCE * max(C, -A):
+        found = f"inertia {inertia!r} kg m^2 is not positive definite (principal moments {A:.6g}, {B:.6g}, {C:.6g})"
+        remedy = "all must be > 0: correct the diagonal and the signs of the products, or load with repair_inertia=True"
+        report.assume(element, what, found, "taken as stated", remedy)
+    elif A + B < C * (1.0 - TRIANGLE_TOLERANCE):
+        found = f"principal moments of inertia {A:.6g}, {B:.6g}, {C:.6g} kg m^2 break the triangle inequality"
+        remedy = (
+            f"no body has one above the sum of the others (relative tolerance {TRIANGLE_TOLERANCE:g}): "
+            "compute the inertia about the center of mass again, or load with repair_inertia=True"
+        )
+        report.assume(element, what, found, "taken as stated", remedy)
+
+
+def _repaired(link: Link, report: Report) -> Link:
+    """Return the link with an inertia that a rigid body can have.
+
+    As in MuJoCo's compiler with `boundinertia` and `balanceinertia`: principal moments below zero are raised, here to
+    DEFINITE_TOLERANCE of the largest, and if one is then above the sum of the others all three become their mean.
+    Massless links, links without a positive moment, and possible inertias stay as they are.
+    """
+    A, B, C = _moments(link)
+    possible = A >= -DEFINITE_TOLERANCE * max(C, -A) and A + B >= C * (1.0 - TRIANGLE_TOLERANCE)
+    if link.mass == 0 or possible or not C > 0:
+        return link
+    moments, axes = np.linalg.eigh(inertia_matrix(link.inertia))
+    moments = np.maximum(moments, DEFINITE_TOLERANCE * C)
+    if moments[0] + moments[1] < moments[2] * (1.0 - TRIANGLE_TOLERANCE):
+        moments = np.full(3, moments.mean())
+    I = (axes * moments) @ axes.T
+    change = f"{A:.6g}, {B:.6g}, {C:.6g} to {', '.join(f'{x:.6g}' for x in moments.tolist())}"
+    report.remark(f"link {link.name!r}: principal moments of inertia repaired from {change} kg m^2")
+    return replace(link, inertia=tuple(float(I[i, j]) for i, j in zip((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))))
+
+
+def _moments(link: Link) -> list[float]:
+    """Compute the principal moments of inertia, ascending [kg m^2]."""
+    return np.linalg.eigvalsh(inertia_matrix(link.inertia)).tolist()

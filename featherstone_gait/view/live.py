@@ -18,7 +18,7 @@ import numpy as np
 from ..base.arguments import real, whole
 from ..dynamics import center_of_mass, contact_positions, forward_kinematics
 from ..model import Ground
-from ..robot_file.errors import RobotFileWarning
+from ..robot_file.report import RobotFileWarning
 from ..run.sensors import in_world
 from ..run.trajectory import positions
 from ..scene.contact import ground_under, plane_axes

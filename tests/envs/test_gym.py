@@ -31,7 +31,7 @@ def test_gymnasium_finds_nothing_wrong(kind, robot):
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.errors.RobotFileWarning")
+@pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning")
 @pytest.mark.parametrize("file", ["solo_description/robots/solo12.urdf", "bolt_description/robots/bolt.urdf"])
 def test_robots_of_others_are_environments_too(file):
     """Four legs and two, from URDF files that have no servos: the same checks, and a vector's first robot alone."""

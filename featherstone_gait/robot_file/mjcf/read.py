@@ -16,9 +16,8 @@ from ..robot import Posture, Robot
 from .actuators import Actuators, read_actuators
 from .causes import doubts, notes, refusals
 from .equalities import couplings, held_joints
-from .shapes import read_shapes
 from .sizes import check_sizes
-from .tree import Tree, read_tree
+from .tree import Tree, read_shapes, read_tree
 
 NAMELESS = "MuJoCo Model"  # what MuJoCo calls a file without a name
 INSTALL = "MJCF is read through MuJoCo; install it with pip install featherstone-gait[mjcf]"

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from ...base.fixed_order import applied, product
 from ...base.rotation import rpy_from_rotation
 from ...model import Link, Model, Placement, RigidBody, inertia_matrix, rigid_bodies
-from ..inertia import TRIANGLE_TOLERANCE
 from ..markup import element
+from ..urdf import TRIANGLE_TOLERANCE
 
 Inertials: TypeAlias = dict[str, list[str]]  # lines by link
 
