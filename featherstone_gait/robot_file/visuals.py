@@ -19,9 +19,8 @@ from ..model.shapes import Geometry
 from .collision import MeshFinder, shape_of
 from .grammar import label
 from .markup import Markup, read_markup
-from .mjcf.names import names_of
 from .mjcf.read import compiled
-from .mjcf.tree import ELLIPSOID, MESH, geometry_of
+from .mjcf.tree import ELLIPSOID, MESH, geometry_of, names_of
 from .report import Report
 
 SHOWN = 3  # groups 0, 1 and 2 are shown by default; collision geoms beside visual ones have 3 or more

@@ -36,7 +36,7 @@ from featherstone_gait import (
 from featherstone_gait.base.rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
 from featherstone_gait.model import Mimic
 from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Hull, Sphere
-from featherstone_gait.robot_file.mjcf.names import names_of
+from featherstone_gait.robot_file.mjcf.tree import names_of
 from featherstone_gait.scene.actuator import build_drive
 
 OFF = mujoco.mjtDisableBit

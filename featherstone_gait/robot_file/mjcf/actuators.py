@@ -29,8 +29,7 @@ import numpy as np
 from ...base.flaws import quoted
 from ...model import TORQUE_LAWS, Controller, Gearbox, Joint, Servo
 from .equalities import couplings, held_joints, joints_of
-from .names import actuator_count
-from .tree import Tree
+from .tree import Tree, actuator_count
 
 JOINT_TRANSMISSIONS, TENDON = (0, 1), 3  # mjTRN_JOINT, mjTRN_JOINTINPARENT, mjTRN_TENDON
 NO_DYNAMICS, DC_DYNAMICS, FILTERS = 0, 5, (2, 3)  # mjtDyn

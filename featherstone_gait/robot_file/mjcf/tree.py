@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,7 +16,6 @@ from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Shape, Sphere
 from ..robot import MASSLESS
 from .equalities import Line
-from .names import names_of, unused
 
 WORLD = "world"
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
@@ -113,14 +113,9 @@ def _link(m: Any, b: int, name: str) -> Link:
     mass = float(m.body_mass[b])
     if b == 0 or mass == 0:
         return Link(name, **MASSLESS)
-    I = turned_inertia(rotation_from_quaternion(m.body_iquat[b]), principal(m.body_inertia[b]))
+    A, B, C = m.body_inertia[b].tolist()
+    I = turned_inertia(rotation_from_quaternion(m.body_iquat[b]), (A, 0.0, 0.0, B, 0.0, C))
     return Link(name, mass, vector(m.body_ipos[b]), inertia_tuple(I))
-
-
-def principal(moments: np.ndarray) -> tuple[float, ...]:
-    """Return ixx ixy ixz iyy iyz izz of principal moments."""
-    A, B, C = moments.tolist()
-    return (A, 0.0, 0.0, B, 0.0, C)
 
 
 def _chain(m: Any, b: int, bodies: list[str], names: list[str], taken: list[str]) -> list[Joint]:
@@ -235,3 +230,25 @@ def _corners(m: Any, mesh: int) -> np.ndarray:
     graph = m.mesh_graph[m.mesh_graphadr[mesh] :]
     count = graph[0]
     return points[graph[2 + count : 2 + 2 * count]]
+
+
+# ---------------------------------------------------------------------------------------------- names
+
+
+def names_of(m: Any, kind: str, count: int) -> list[str]:
+    """Return unique names of all elements of a kind ("body", "joint", ...)."""
+    given = [getattr(m, kind)(k).name for k in range(count)]
+    return [name or unused(f"{kind}{k}", given) for k, name in enumerate(given)]
+
+
+def unused(name: str, taken: Iterable[str]) -> str:
+    """Lengthen a name until nothing else has it."""
+    taken = set(taken)
+    while name in taken:
+        name += "_"
+    return name
+
+
+def actuator_count(m: Any) -> int:
+    """Return the number of actuators; since MuJoCo 4 one may have several controls, or none."""
+    return int(getattr(m, "nactuator", m.nu))

@@ -18,7 +18,7 @@ from ...dynamics import Wrench, energy, forward_dynamics
 from ...model import ContactPoint, Ground, HeightField, Link, Model
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
 from ..markup import comment, element
-from .names import unused
+from .tree import unused
 from .write_actuators import rotor_inertia
 
 IMPEDANCE = 0.9  # MuJoCo's default

@@ -8,7 +8,7 @@ makes G ke and G^2 bv of them at the output; `ke` and `be` of later files are at
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 from xml.etree.ElementTree import Element
 
@@ -35,13 +35,15 @@ def parts_of(element: Element, suffix: str, inherited: Parts) -> Parts:
 
 def servo_of(parts: Parts, numbers: Numbers, what: str) -> Servo | None:
     """Return the servo of an axis; None if the motor is switched off."""
-    read = _Reader(parts, numbers, what)
+
+    def read(part: str, name: str, default: float) -> float:
+        return numbers.one(Element(part, parts[part]), name, default, f"{what} <{part}>")
+
     if not read("motor", "active", 1.0):
         return None
-    ratio = read("gear", "ratio", 10.0)
     return Servo(
-        _controller(read, what),
-        _gearbox(read, ratio),
+        _controller(read, parts["controller"].get("mode", "pidspeed"), what),
+        _gearbox(read, parts["gear"]),
         resistance=read("motor", "ri", 1.0),
         inductance=read("motor", "li", 0.0),
         motor_constant=read("motor", "ki", 0.014),
@@ -54,22 +56,9 @@ def servo_of(parts: Parts, numbers: Numbers, what: str) -> Servo | None:
     )
 
 
-class _Reader:
-    """Read attributes of the parts as numbers."""
-
-    def __init__(self, parts: Parts, numbers: Numbers, what: str) -> None:
-        self.parts, self.numbers, self.what = parts, numbers, what
-
-    def __call__(self, part: str, name: str, default: float) -> float:
-        return self.numbers.one(Element(part, self.parts[part]), name, default, f"{self.what} <{part}>")
-
-    def has(self, part: str, name: str) -> bool:
-        return name in self.parts[part]
-
-
-def _controller(read: _Reader, what: str) -> Controller:
+def _controller(read: Callable[[str, str, float], float], mode: str, what: str) -> Controller:
     """Return the law; without gains if the controller is switched off."""
-    mode, period = read.parts["controller"].get("mode", "pidspeed"), 1e-3 * read("controller", "period", 10.0)
+    period = 1e-3 * read("controller", "period", 10.0)
     if mode not in LAWS:
         raise ValueError(f"{what}: controller mode {mode!r}; expected {', '.join(LAWS)}: use one of these")
     law: Any = LAWS[mode]
@@ -88,12 +77,13 @@ def _controller(read: _Reader, what: str) -> Controller:
     )
 
 
-def _gearbox(read: _Reader, ratio: float) -> Gearbox:
+def _gearbox(read: Callable[[str, str, float], float], stated: Mapping[str, str]) -> Gearbox:
+    ratio = read("gear", "ratio", 10.0)
     J = read("rotor", "J", read("rotor", "j", 0.0))
     rotor_damping = read("rotor", "bv", 1e-3) if J else 0.0
-    if not read.has("gear", "ke"):
+    if "ke" not in stated:
         return Gearbox(ratio, J, rotor_damping)
-    at_output = read.has("gear", "be")
+    at_output = "be" in stated
     stiffness = read("gear", "ke", 0.0) * (1.0 if at_output else ratio)
     damping = read("gear", "be", 0.0) if at_output else ratio**2 * read("gear", "bv", 0.0)
     return Gearbox(ratio, J, rotor_damping, stiffness, damping)
