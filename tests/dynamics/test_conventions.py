@@ -77,7 +77,7 @@ def test_what_makes_no_sense_is_refused():
     model, q, qd = floating()
     with pytest.raises(ValueError, match="engine is 'bullet'"):
         to_engine("bullet", model, q, qd)
-    with pytest.raises(ValueError, match="velocity has the shape"):
+    with pytest.raises(ValueError, match="qd has the shape"):
         to_engine("drake", model, q, qd[:, 1:])
     with pytest.raises(ValueError, match="quaternion is zero"):
         to_engine("drake", model, 0.0 * q[0], qd[0])
