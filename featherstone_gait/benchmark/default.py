@@ -32,11 +32,11 @@ from tqdm import tqdm
 from ..run.error_estimate import SPEED_LIMIT
 from ..run.trajectory import Trajectory, positions
 from ..scene.compile import CompiledScene
-from ..view.style import BLUE, COLORS, ORANGE, look
+from ..view.style import BLUE, COLORS, ORANGE, look, subplots
 from .case import Case, Truth, Worker, at_most, cache_folder, distances, estimate_of, truth, velocities
 from .default_scenes import cases
 from .engines import peer_run
-from .table import machine, print_table, save_figure, subplots, write_table
+from .table import machine, print_table, save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

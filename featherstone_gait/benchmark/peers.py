@@ -39,14 +39,14 @@ from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.trajectory import positions
 from ..scene.compile import compile_scene
-from ..view.style import look
+from ..view.style import look, subplots
 from . import engines, speed
 from .case import Case, Run, case_of, deviation, solution
 from .engines import bounded, disable, mujoco, pin, rolled
 from .precision import COLORS, ENOUGH, measure
 from .scenes import STIFF_SERVO, chain, free_arm, humanoids, stiff_arm
 from .servo import settles
-from .table import in_turn, installed, machine, save_figure, subplots, tabulate, write_table
+from .table import in_turn, installed, machine, save_figure, tabulate, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,10 +23,10 @@ from tqdm import tqdm
 from ..base.files import number, read_csv
 from ..core.integrate import INTEGRATORS
 from ..run.trajectory import positions
-from ..view.style import look
+from ..view.style import look, subplots
 from .case import Case, Setting, deviation, solution
 from .scenes import problems
-from .table import TABLE, machine, print_table, save_figure, subplots, write_table
+from .table import TABLE, machine, print_table, save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

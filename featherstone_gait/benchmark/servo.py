@@ -24,10 +24,10 @@ from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
 from ..scene.compile import GearboxKind, compile_scene
-from ..view.style import look
+from ..view.style import look, subplots
 from .precision import measure
 from .scenes import stiff_arm
-from .table import in_turn, machine, save_figure, subplots, tabulate
+from .table import in_turn, machine, save_figure, tabulate
 
 GEARBOXES: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
 INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")

@@ -32,12 +32,12 @@ from ..robot_file import load_robot
 from ..run.simulate import simulate_batch
 from ..run.trajectory import positions
 from ..scene.tree import GRAVITY, compile_tree
-from ..view.style import look
+from ..view.style import look, subplots
 from . import repeated
 from .case import Run, deviation, solution
 from .engines import bounded, check_order, disable, in_pinocchio, mujoco, pin, quick_mujoco, spec_of
 from .scenes import chain, problems
-from .table import in_turn, installed, machine, print_table, save_figure, spread, subplots, tabulate, write_table
+from .table import in_turn, installed, machine, print_table, save_figure, spread, tabulate, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

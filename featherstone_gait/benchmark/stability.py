@@ -32,9 +32,9 @@ from ..study.bisection import largest
 from ..study.measures import LARGEST, SMALLEST
 from ..study.table import TABLE
 from ..view.style import COLORS as LOOK_COLORS
-from ..view.style import look
+from ..view.style import look, subplots
 from .linear_stability import growth, linearized
-from .table import machine, save_figure, subplots, tabulate
+from .table import machine, save_figure, tabulate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -25,10 +25,10 @@ from tqdm import tqdm
 
 from ..core.integrate import INTEGRATORS
 from ..run.trajectory import positions
-from ..view.style import look
+from ..view.style import look, subplots
 from .case import Case, agreed, distances, estimate_of
 from .scenes import stressed
-from .table import machine, save_figure, subplots, tabulate
+from .table import machine, save_figure, tabulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -101,14 +101,6 @@ def tabulate(path: Path, kind: Any, rows: Iterable[Line], notes: str) -> list[Li
     return found
 
 
-def subplots(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
-    """Make a figure [inch] and its axes, as `matplotlib.pyplot.subplots` does."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, **options)
-
-
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a picture whole or not at all."""
     with complete(path) as temporary:

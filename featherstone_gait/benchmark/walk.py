@@ -34,9 +34,9 @@ from ..run.reference import Reference
 from ..run.simulate import simulate_batch, simulate_stream, standing_state
 from ..run.trajectory import Trajectory
 from ..scene.compile import compile_scene
-from ..view.style import look
+from ..view.style import look, subplots
 from .engines import humanoid_of, mujoco, quick_mujoco, rollout, standing_on
-from .table import in_turn, installed, machine, save_figure, subplots, tabulate
+from .table import in_turn, installed, machine, save_figure, tabulate
 
 Paths = dict[float, list[np.ndarray | None]]  # of the trunk by step [s]; None of those that fell
 

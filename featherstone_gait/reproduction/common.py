@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from ..benchmark.table import subplots as subplots
 from ..model import Model
 from ..view.style import BLUE, COLORS, ORANGE
+from ..view.style import subplots as subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

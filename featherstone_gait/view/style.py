@@ -13,6 +13,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
 BLUE, ORANGE, GREY = COLORS[0], COLORS[1], "0.45"
@@ -35,6 +36,14 @@ def look(grid: bool = True) -> Iterator[None]:
     settings: Any = LOOK | {"axes.prop_cycle": cycler(color=COLORS), "axes.grid": grid}
     with matplotlib.rc_context(settings):
         yield
+
+
+def subplots(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Make a figure [inch] and its axes, as `matplotlib.pyplot.subplots` does."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
 
 
 def label_ends(axes: Axes, ends: Sequence[tuple[float, str, Any]], x: float | None = None, size: float = 7.5) -> None:
