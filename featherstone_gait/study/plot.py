@@ -57,7 +57,7 @@ def _figure(study: Study, table: Path) -> Figure:
     from matplotlib.figure import Figure
 
     measure, says = next(iter(COLUMNS[study.setup.experiment].items()))
-    read = read_columns(table)
+    read = read_columns(table, (*study.names, "status", measure))
     y = np.array([float(text) if text else np.nan for text in read[measure]])
     ok = np.array(read["status"]) == "ok"
     columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]

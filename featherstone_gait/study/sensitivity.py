@@ -69,7 +69,7 @@ def write_sensitivity(study: Study, table: Path) -> Path:
     """Write NAME_sensitivity.csv and .png beside the table of a study with the method "saltelli"; return the former."""
     path = table.with_name(f"{table.stem}_sensitivity.csv")
     measures, names = COLUMNS[study.setup.experiment], study.names
-    columns = read_columns(table)
+    columns = read_columns(table, [*measures])
     found, spread = {}, []
     for measure in measures:
         values = np.array([float(text) if text else math.nan for text in columns[measure]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -35,10 +35,12 @@ def write_table(path: Path, study: Study, rows: Iterable[Mapping[str, Any]]) -> 
     return dict(statuses.most_common())
 
 
-def read_columns(table: Path) -> dict[str, tuple[str, ...]]:
-    """Read a table's columns, as text."""
-    header, *rows = (cells for _, cells in read_csv(table, TABLE))
-    return dict(zip(header, zip(*rows)))
+def read_columns(table: Path, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Read some of a table's columns, as text; of all, those of millions of runs would fill the memory."""
+    lines = (cells for _, cells in read_csv(table, TABLE))
+    header = next(lines)
+    places = [header.index(name) for name in names]
+    return dict(zip(names, zip(*([cells[k] for k in places] for cells in lines))))
 
 
 def check_parquet() -> None:
