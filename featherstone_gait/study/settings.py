@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     Walk: TypeAlias = Motion | BalancedWalk
 
 MOST_RUNS, MOST_NUMBERS = 20_000_000, 100_000_000
-FEWER = f"at most {MOST_RUNS} runs are allowed: make several studies of it"
+FEWER = f"at most {MOST_RUNS} runs are allowed, make several studies of more"
 UNITS = {
     "servo": SERVO_UNITS,
     "supply": {f.name: f.metadata["unit"] for f in fields(Supply)},
@@ -357,7 +357,7 @@ def _range(name: str, table: dict, sampling: dict) -> Axis:
         raise ValueError(f"{what} goes from {low} to {high}; give two finite numbers that rise{', > 0' * log}")
     if not grid:
         return Axis((), low, high, log)
-    count = whole(what + ".count", table["count"], 2, FEWER, MOST_RUNS)
+    count = whole(what + ".count", table["count"], 2, f"give how many values; {FEWER}", MOST_RUNS)
     spaced = np.geomspace if log else np.linspace
     return Axis(tuple(float(f"{x:.15g}") for x in spaced(low, high, count)))
 
@@ -370,7 +370,7 @@ def _sampling(table: dict) -> dict:
         return {"method": method}
     if "count" not in table:
         raise ValueError(f"sampling.count is missing; give the number of runs of {method!r}")
-    count = whole("sampling.count", table["count"], 1, FEWER, MOST_RUNS)
+    count = whole("sampling.count", table["count"], 1, f"give how many runs; {FEWER}", MOST_RUNS)
     if method == "saltelli" and count & (count - 1):
         raise ValueError(f"sampling.count is {count}; 'saltelli' takes a power of two: {2 ** count.bit_length()}")
     seed = whole("sampling.seed", table.get("seed", 0), 0, "any will do")
