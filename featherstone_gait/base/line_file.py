@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import os
@@ -12,6 +13,7 @@ from typing import Any
 
 from .files import claim, parse_json
 
+NO_DISK = (errno.EINVAL, errno.ENOTSUP, errno.EROFS)  # of what has nothing to wait for, such as a pipe
 REMEDY = "delete this line and all below to resume before it"
 _log = logging.getLogger(__name__)
 
@@ -65,17 +67,20 @@ class LineFile:
                 data = data[self._file.write(data) :]
         except OSError as error:
             self._file.truncate(complete)
-            raise OSError(
-                f"{self.path} cannot be written ({error.strerror}); what it holds is complete: make room, and resume"
-            ) from error
+            raise self._full(error) from error
         return [*accumulate(map(len, lines[:-1]), initial=complete)]
 
     def sync(self) -> None:
-        """Wait until all lines are on the disk."""
+        """Wait until all lines are on the disk; some disks say only then that they are full."""
         try:
             os.fsync(self._file.fileno())
-        except OSError:  # not a file on a disk
-            pass
+        except OSError as error:
+            if error.errno not in NO_DISK:
+                raise self._full(error) from error
+
+    def _full(self, error: OSError) -> OSError:
+        text = f"{self.path} cannot be written ({error.strerror}); what it holds is complete: make room, and resume"
+        return OSError(text)
 
     def close(self) -> None:
         """Sync and close."""

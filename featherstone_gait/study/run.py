@@ -208,9 +208,9 @@ class Log:
         """Append runs, in whole lines, and wait until they are on the disk."""
         try:
             self.places[runs] = self._file.write(*({"run": run, **row} for run, row in zip(runs, rows)))
+            self._file.sync()
         except OSError as error:
             raise OSError(f"{error}; {self.saved()}") from error
-        self._file.sync()
 
     def rows(self) -> Iterator[dict]:
         """Yield all rows in the order of the runs.  Raises ValueError if the file has changed since it was read."""

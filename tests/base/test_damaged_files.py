@@ -1,5 +1,6 @@
 """Files belong to one process at a time, and what is wrong with one is said with its name."""
 
+import errno
 import json
 import math
 import os
@@ -320,3 +321,20 @@ def test_a_history_reaches_the_disk_from_time_to_time(tmp_path, monkeypatch):
     monkeypatch.setattr(line_file.os, "fsync", lambda _: times.append(0))
     minimize(sphere, np.ones(3), history=tmp_path / "history.jsonl", **SEARCH)
     assert len(times) > 5
+
+
+def test_a_disk_that_is_full_only_when_it_is_waited_for_ends_a_study(tmp_path, monkeypatch):
+    from featherstone_gait.base import line_file
+
+    def fsync(_):
+        raise OSError(code, os.strerror(code))
+
+    code = errno.ENOSPC
+    monkeypatch.setattr(line_file.os, "fsync", fsync)
+    (tmp_path / "study.toml").write_text(STUDY)
+    with Log(tmp_path / "study.jsonl", read_study(tmp_path / "study.toml")) as log:
+        row = {"status": "ok", "message": ""} | dict.fromkeys(log.numbers, 0.0)
+        with pytest.raises(OSError, match=r"cannot be written \(No space.*make room.* of 2 runs are kept"):
+            log.append([0], [row])
+        code = errno.EINVAL  # of what is no disk, such as a pipe
+        log.append([1], [row])
