@@ -57,8 +57,8 @@ class Recording:
             if not is_real(value):
                 raise ValueError(f"recording {self.name}: settings: {name} is {shown(value)}; expected a number")
         for name in ("time", "reference", "angle", *(() if self.voltage is None else ("voltage",))):
-            count = None if name == "time" else len(self.time)
-            values = finite(f"recording {self.name}: {name}", getattr(self, name), (count,))
+            count, unit = (None, "[s]") if name == "time" else (len(self.time), "as time has")
+            values = finite(f"recording {self.name}: {name}", getattr(self, name), (count,), unit)
             object.__setattr__(self, name, values.copy())
         if len(self.time) < LEAST_SAMPLES or self.time[0] != 0.0 or (np.diff(self.time) <= 0).any():
             raise ValueError(f"recording {self.name}: give {LEAST_SAMPLES} times or more that rise from 0")

@@ -200,6 +200,13 @@ def test_a_damaged_table_is_refused_with_its_place(lines, said, tmp_path):
     assert [text for text in said if text not in str(error.value)] == []
 
 
+def test_recordings_have_as_many_finite_angles_as_times():
+    time = np.arange(20.0)
+    for angle in (time[1:], np.full(20, np.nan)):
+        with pytest.raises(ValueError, match=r"(?s)recording r: angle has the shape .*shape \(20\) as time has"):
+            Recording("r", time, time, angle)
+
+
 def test_settings_must_be_parameters(tmp_path):
     with pytest.raises(ValueError, match=r"'gain'.*Kp"):
         read_recording(table(tmp_path, HEAD, *ROWS), gain=3.0)
