@@ -33,13 +33,29 @@ PROGRAMS = [  # those that define kernels are also run without compilation
 ]  # fmt: skip
 
 
+def run(text, folder):
+    """Run all blocks of a page as one program in a folder, where it may write; lines are numbered as in the page."""
+    parts = ("\n" + part if k % 2 else "\n" * part.count("\n") for k, part in enumerate(CODE.split(text)))
+    (folder / "page.py").write_text("".join(parts), "utf-8")
+    command, environment = [sys.executable, "-W", "error", "page.py"], os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("text", PROGRAMS)
 def test_what_a_page_says_holds(text, tmp_path):
-    (tmp_path / "page.py").write_text("\n".join(CODE.findall(text)), "utf-8")
-    command, environment = [sys.executable, "-W", "error", "page.py"], os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = run(text, tmp_path)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_page_that_is_wrong_fails_where_it_is_wrong(tmp_path):
+    done = run("A page.\n\n```python\nx = 1\n```\n\n```python\nassert x == 2\n```\n", tmp_path)
+    assert (done.returncode, "line 8" in done.stderr) == (1, True)
+
+
+def test_pages_name_every_timing_and_no_other():
+    named = {name for page in PAGES for name in re.findall(r"timings\.py (\w+)", TEXTS[page])}
+    assert named == importlib.import_module("timings").TIMINGS.keys()
 
 
 def anchors(page):
@@ -49,13 +65,11 @@ def anchors(page):
 
 
 @pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_timings_and_results_are_found(page):
+def test_links_and_results_are_found(page):
     links = [link.partition("#") for link in re.findall(r"\]\(([^)\s]+)\)", TEXTS[page]) if "://" not in link]
     targets = [((page.parent / path).resolve() if path else page, anchor) for path, _, anchor in links]
     assert [path for path, _ in targets if not path.exists()] == []
     assert [(path.name, anchor) for path, anchor in targets if anchor and anchor not in anchors(path)] == []
-    for timing in re.findall(r"timings\.py (\w+)", TEXTS[page]):
-        assert timing in importlib.import_module("timings").TIMINGS
     if page in PAGES:
         text = importlib.import_module("tables").resolved(TEXTS[page])
         assert "{{" not in text
@@ -136,6 +150,20 @@ def test_every_stored_file_has_its_command():
     assert kept - files == set()
     assert [path for path in {*scripts, *(STORED / name for name in files)} if not path.resolve().exists()] == []
     assert all(map(importlib.util.find_spec, re.findall(r"-m (featherstone_gait[\w.]*)", commands)))
+
+
+def test_reports_are_kept_without_the_machine_and_the_candidates(tmp_path):
+    keep = importlib.import_module("measure").keep
+    np.savez(tmp_path / "all.npz", x=[1.0], visited=np.zeros((8, 4)), costs=np.zeros(8), format="gait")
+    keep(tmp_path / "all.npz", tmp_path / "kept.npz")
+    with np.load(tmp_path / "kept.npz") as found:
+        assert sorted(found.files) == ["format", "x"]
+        assert (str(found["format"]), found["x"].tolist()) == ("gait", [1.0])
+    report = json.loads((STORED / "gait_seed_1.json").read_text("utf-8"))
+    (tmp_path / "report.json").write_text(json.dumps(report | {"seconds": 1.0}), "utf-8")
+    keep(tmp_path / "report.json", tmp_path / "kept.json")
+    kept = json.loads((tmp_path / "kept.json").read_text("utf-8"))
+    assert kept == {key: report[key] for key in report if key != "command"}
 
 
 @pytest.mark.long
