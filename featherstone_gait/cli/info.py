@@ -146,7 +146,7 @@ def _ground_line(model: Model) -> str:
     more = (
         f'load_robot(..., contacts="feet") takes them from its {shapes} collision shapes'
         if shapes
-        else ("it has no collision shapes to take them from; type them into its TOML")
+        else "it has no collision shapes to take them from; type them into its TOML"
     )
     return f"no contact points, so `simulate` lets it fall without ground: {more}"
 
