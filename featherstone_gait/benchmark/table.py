@@ -90,7 +90,11 @@ def print_table(kind: Any, rows: Iterable[Line]) -> list[Line]:
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence], notes: str = "") -> None:
-    """Write CSV whole or not at all, NaN as an empty cell; format and notes are comments above the header."""
+    """Write CSV whole or not at all, NaN as an empty cell; format and notes are comments above the header.
+
+    A folder that does not exist is made: what took minutes to measure is not to be lost.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
     write_csv(path, TABLE, columns, (["" if x != x else x for x in row] for row in rows), notes)
 
 
