@@ -203,7 +203,7 @@ class WalkingCost(BatchCost):
         strides = self.warm_up + self.strides if strides is None else strides
         signals = [self.reference(x, strides) for x in vectors]
         how |= {"states": states, "record": record, "record_interval": record_interval}
-        return walk_runs([self.scene] * len(signals), signals[0].times[-1], signals, **how)
+        return walk_runs(self.scene, signals[0].times[-1], signals, **how)
 
     def beginning(self, x: ArrayLike) -> tuple[np.ndarray, Reference]:
         """Return the standing state from which a vector is measured, and the servos' reference."""
@@ -285,20 +285,21 @@ def measured(
 
 
 def walk_runs(
-    scenes: Sequence[CompiledScene],
+    scenes: CompiledScene | Sequence[CompiledScene],
     duration: float,
     references: Sequence[Reference],
     offsets: ArrayLike = 0.0,
     **how: Any,
 ) -> list[Trajectory]:
-    """Simulate references from standing, each in its scene.
+    """Simulate references from standing, each in its scene, or all in one.
 
     offsets (n, nj) [rad]: of the first postures; how: of `simulate_batch`; errors are not estimated by default.
     """
     angles = [reference.values[0] for reference in references]
+    each = [scenes] * len(angles) if isinstance(scenes, CompiledScene) else scenes
     how["states"] = how.get("states") or [
         standing_state(scene, first + off, allow_limit_violation=True)
-        for scene, first, off in zip(scenes, angles, np.broadcast_to(offsets, np.shape(angles)))
+        for scene, first, off in zip(each, angles, np.broadcast_to(offsets, np.shape(angles)))
     ]
     return simulate_batch(scenes, duration, references=references, **{"estimate_error": False} | how)
 
