@@ -149,10 +149,10 @@ def read_columns(
         rows.append([number(cell) for cell in cells])
         for name, value, cell in zip(head, rows[-1], cells):
             if name in known and not math.isfinite(value):
-                problem = f"{cell[:40]!r} is not a finite number; correct the value, or delete the line"
+                problem = f"{cell[:40]!r} is not a finite number, with a decimal point; correct it, or delete the line"
                 raise ValueError(f"{path}, line {line}, column {name!r}: {problem}")
     if len(rows) < least:
-        raise ValueError(f"{path}: has {len(rows)} samples; record {least} or more")
+        raise ValueError(f"{path}: has {len(rows)} samples; give {least} or more rows below the header")
     return dict(zip(head, np.array(rows).T)), [line for line, _ in lines[1:]]
 
 

@@ -655,8 +655,8 @@ def _deviations(scene: CompiledScene, noise: Any) -> np.ndarray | None:
         return None
     if not scene.sampled:
         raise ValueError(f"{scene.model.name}: noise acts on sampled servos; this scene has none")
-    both = finite("noise", noise, (2,), "of angles [rad] and of voltages [V], standard deviations")
-    return np.array([real("noise", one, 0.0, 1e6, "it is a standard deviation") for one in both])
+    both = finite("noise", noise, (2,), "as standard deviations of angles [rad] and of voltages [V]")
+    return np.array([real("noise", one, 0.0, 1e6, "it is a standard deviation") for one in both.tolist()])
 
 
 def _initial_states(runs: Sequence[CompiledRun]) -> np.ndarray:

@@ -79,10 +79,8 @@ def check_start(
     outside = ~((lower <= x0) & (x0 <= upper) & ((lower < upper) | (not room)))
     if outside.any():
         i = int(outside.argmax())
-        text = " that leave it room" if room else ""
-        raise ValueError(
-            f"x0[{i}] = {x0[i]} lies outside its bounds {lower[i]}..{upper[i]}; give bounds around it{text}"
-        )
+        text = "has no room in" if lower[i] == upper[i] else "lies outside"
+        raise ValueError(f"x0[{i}] = {x0[i]} {text} its bounds {lower[i]}..{upper[i]}; give bounds around it")
     if amplitude is not None:
         size = floats("amplitude", amplitude)
         if size.shape not in ((), x0.shape) or not (np.isfinite(size) & (size > 0)).all():

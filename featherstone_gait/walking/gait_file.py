@@ -110,7 +110,8 @@ def read_angles(
     """
     path = path_of("path", path)
     header = [name.strip() for name in next(read_csv(path, ANGLES), (1, []))[1]]
-    names = tuple(header[1:] if joint_names is None else texts("joint_names", joint_names))
+    found = dict.fromkeys(name for name in header if name != TIME_COLUMN)
+    names = tuple(found if joint_names is None else texts("joint_names", joint_names))
     table, lines = read_columns(path, ANGLES, (TIME_COLUMN, *names), (), least=1)
     if not names:
         raise ValueError(f"{path}: no column of a joint; there must be one for each joint of the robot")

@@ -104,7 +104,9 @@ class WalkSettings:
             value, low = getattr(self, one.name), -HUGE if one.name == "step_length" else TINY
             if one.type == "float":
                 if not (is_real(value) and low < value < HUGE):
-                    raise ValueError(f"walk: {one.name} = {shown(value)} must be finite{' and > 0' if low > 0 else ''}")
+                    expected = "lie between 0 and 1" if one.name == "double_support" else "be finite"
+                    expected += " and > 0" if expected == "be finite" and low > 0 else ""
+                    raise ValueError(f"walk: {one.name} = {shown(value)} must {expected}")
                 object.__setattr__(self, one.name, float(value))
         if self.double_support >= 1.0:
             raise ValueError(f"walk: double_support = {self.double_support} must lie between 0 and 1")
