@@ -40,7 +40,7 @@ class WalkResult:
 
     @property
     def walks(self) -> bool:
-        """Whether it walked all strides forward."""
+        """True if it walked all strides forward."""
         return math.isfinite(self.measures.cost)
 
     def as_dict(self) -> dict[str, float | str | bool | None]:

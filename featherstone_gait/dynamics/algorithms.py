@@ -202,7 +202,7 @@ def mass_matrix(model: Model, q: ArrayLike, *, armature: ArrayLike | None = None
 
 
 class Coupling(NamedTuple):
-    """How the positions and velocities of all joints follow from those of the independent (uncoupled) ones.
+    """The positions and velocities of all joints as functions of those of the independent (uncoupled) ones.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ Engine = Literal["mujoco", "pinocchio", "drake"]
 
 
 class _Convention(NamedTuple):
-    """How an engine writes the base: its numbers in terms of ours."""
+    """The convention of an engine for the base: its numbers in terms of ours."""
 
     q: list[int]  # (7,) which of our numbers stand where
     angular_first: bool

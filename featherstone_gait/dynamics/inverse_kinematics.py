@@ -42,7 +42,7 @@ ORTHOGONAL = 1e-6  # how far a rotation matrix may be from one
 
 
 class Target(NamedTuple):
-    """Where a point of a link should be, how the link should be oriented, or both.
+    """A target of a link: the position of one of its points, its orientation, or both.
 
     Weights are numbers, or one for each of the world's axes; a part with the weight 0 is ignored.
 
@@ -101,7 +101,7 @@ class IKResult(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """Whether all targets are met."""
+        """True if all targets are met."""
         return self.status == "ok"
 
 
@@ -220,7 +220,7 @@ class _Task(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Where a descent ended."""
+    """The end of a descent."""
 
     q: np.ndarray
     error: float

@@ -25,7 +25,7 @@ link_index = Model.link_index
 
 
 class Chains(NamedTuple):
-    """Which joint moves which link, and how."""
+    """The joints that move each link, and their axes."""
 
     children: list[int]  # of each moving joint: the row of its child link, whose frame sits at the joint
     axes: np.ndarray  # (n, 3) in the child's frame

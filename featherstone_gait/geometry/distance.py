@@ -1,4 +1,4 @@
-"""How far a robot's links are from each other: signed distances of their collision shapes.
+"""Distances between a robot's links: signed distances of their collision shapes.
 
 Two shapes can meet if something moves between them.  Left out are shapes of links that are rigidly attached to each
 other, of a link and its parent (with all that is rigidly attached to them), and those that overlap in the admissible
@@ -47,7 +47,7 @@ class Clearance(NamedTuple):
 
 
 class Meeting(NamedTuple):
-    """Which shapes can meet."""
+    """The pairs of shapes that can meet."""
 
     pairs: np.ndarray  # (pairs, 2) indices into `model.shapes`
     notes: tuple[str, ...]  # one sentence for each two links that overlap from the start

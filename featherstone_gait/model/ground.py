@@ -28,7 +28,7 @@ MOST_STAIRS = 10**6
 @deprecated.fields(rim="circle_radius", carries="load_bearing")
 @dataclass(frozen=True)
 class ContactPoint:
-    """What of a link can touch the ground: a point, or the lowest point of a sphere or of a circle.
+    """A part of a link that can touch the ground: a point, or the lowest point of a sphere or of a circle.
 
     A capsule is two spheres, a cylinder two circles; boxes and hulls are their corners.
 

@@ -18,7 +18,7 @@ from .links import Joint, Link
 
 
 class Placement(NamedTuple):
-    """Where a link sits: the body that carries it and the link's frame in that body's frame.
+    """The place of a link: the body that carries it and the link's frame in that body's frame.
 
     Attributes
     ----------

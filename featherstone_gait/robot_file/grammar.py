@@ -1,4 +1,4 @@
-"""What a URDF may hold (https://wiki.ros.org/urdf/XML), and what happens to the rest.
+"""The elements that a URDF may hold (https://wiki.ros.org/urdf/XML), and what happens to others.
 
 An element or attribute that URDF does not know is ignored, as urdfdom, Pinocchio and MuJoCo do, unless it seems to mean
 something: an unexpanded xacro, a rotation by quaternion, a misspelled name, a link or joint in the wrong place. Of a
@@ -19,7 +19,7 @@ SIMILAR = 0.8  # from here on a name is taken for a misspelled one (difflib's ra
 
 
 class _Grammar(NamedTuple):
-    """What an element of the URDF may hold."""
+    """The attributes and children that an element of the URDF may hold."""
 
     required: str = ""  # attributes
     optional: str = ""

@@ -68,7 +68,7 @@ class Found(NamedTuple):
 
 
 class Report:
-    """What is found in one file.
+    """The findings in one file.
 
     A problem makes the file unusable.  An assumption is something with one meaning, although the file does not state it
     correctly: it is warned about, or with `strict` refused.  A remark is neither.

@@ -1,4 +1,4 @@
-"""What a robot's file says, in any format."""
+"""The content of a robot's file of any format."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _TABLES = ("gearboxes", "about", "manual")  # of a servo's file, beside its numb
 
 @dataclass(frozen=True)
 class ManualPoint:
-    """What a manual states of a servo at one voltage; NaN where it states nothing."""
+    """The figures of a servo's manual at one voltage; NaN where it states none."""
 
     voltage: float  # [V]
     stall_torque: float = math.nan  # [N m]
@@ -42,7 +42,7 @@ class ManualPoint:
 
 @dataclass(frozen=True)
 class ServoSheet:
-    """What the tables [about] and [manual] of a servo's file say."""
+    """The tables [about] and [manual] of a servo's file."""
 
     product: str = ""
     source: str = ""  # of the numbers

@@ -17,7 +17,7 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of 
 
 
 class Settings(NamedTuple):
-    """What the TOML file says."""
+    """The content of the TOML file."""
 
     base: Base | None = None
     locked: Mapping[str, dict[str, float]] = {}  # set name -> joint name -> position

@@ -41,7 +41,7 @@ class Candidate:
 
     @property
     def improves(self) -> bool | None:
-        """Whether it is better than the best before it; None while that is not known."""
+        """True if it is better than the best before it; None while that is not known."""
         if self.answer is None:
             return None
         if not np.isfinite(self.answer[0]):

@@ -159,7 +159,7 @@ class LongWalk:
 
     @property
     def walked(self) -> bool:
-        """Whether all strides were walked."""
+        """True if all strides were walked."""
         return self.status == "ok"
 
 

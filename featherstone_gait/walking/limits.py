@@ -81,7 +81,7 @@ class Worst(NamedTuple):
 
     @property
     def kept(self) -> bool:
-        """Whether the bound is met, as it is if the quantity never counts."""
+        """True if the bound is met, as it is if the quantity never counts."""
         limit = BY_NAME[self.name]
         return not (self.value > limit.bound if limit.most else self.value < limit.bound)
 

@@ -43,7 +43,7 @@ SCALED = "took the joint's angle as the reference of actuators whose control is 
 
 
 class Actuators(NamedTuple):
-    """What the actuators of a file say."""
+    """The actuators of a file."""
 
     servos: dict[str, Servo]  # by joint
     joints: tuple[Joint, ...]  # with what actuators add to them
@@ -52,7 +52,7 @@ class Actuators(NamedTuple):
 
 
 class _Read(NamedTuple):
-    """What one actuator says."""
+    """One actuator of a file."""
 
     servo: Servo | None = None
     effort: float | None = None  # of a motor, the most that it gives the joint
