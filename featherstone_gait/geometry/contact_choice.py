@@ -1,7 +1,7 @@
 """From collision shapes to the points that can touch the ground, and the choice of those that shall.
 
-The feet of a robot are its lowest links at rest: in the admissible posture nearest to zero, with the base upright, the
-links that have shapes on bodies beyond which no other body has any, and whose lowest shape comes within `FOOT` of the
+The feet of a robot are its lowest links at rest: in its keyframe "stand", "standing" or "home", else in the admissible
+posture nearest to zero with the base upright, the links that have shapes on bodies beyond which no other body has any, and whose lowest shape comes within `FOOT` of the
 robot's height to the lowest of all; and any whose shape is as low as that, as a foot with a toe before it.  Of links
 that are fixed to each other the lowest counts.
 """
@@ -20,7 +20,7 @@ from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_rpy
 from ..dynamics import Poses, forward_kinematics
 from ..model import ContactPoint, Model, depth_first
-from ..model.rest_posture import nearest_posture
+from ..model.rest_posture import nearest_posture, standing_keyframe
 from ..model.shapes import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
 from .hull import Corners, corners_of, hull_indices
 from .mesh import mesh_corners, mesh_hull
@@ -178,10 +178,16 @@ def _placed(
 
 def _carrying(model: Model, points: Sequence[ContactPoint]) -> tuple[ContactPoint, ...]:
     """Mark those points as load-bearing that are lowest at rest."""
-    poses = forward_kinematics(model, nearest_posture(model))
+    poses = _poses_at_rest(model)
     height = lowest_levels(model, points, poses)
     level = height.min() + LEVEL * (poses.position[:, 2].max() - height.min())
     return tuple(replace(point, load_bearing=bool(z <= level)) for point, z in zip(points, height))
+
+
+def _poses_at_rest(model: Model) -> Poses:
+    """Compute the poses of all links as the robot stands: a sole that is upright at zero may lie flat there."""
+    q = standing_keyframe(model)
+    return forward_kinematics(model, nearest_posture(model) if q is None else q)
 
 
 def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) -> np.ndarray:
@@ -201,7 +207,7 @@ def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) ->
 
 def _sole_points(model: Model) -> tuple[ContactPoint, ...]:
     """Compute the contact points of the feet."""
-    poses = forward_kinematics(model, nearest_posture(model))
+    poses = _poses_at_rest(model)
     spans = [_span(model, shape, poses) for shape in model.shapes]
     lowest = min(bottom for bottom, _ in spans)
     reach = lowest + FOOT * (max(top for _, top in spans) - lowest)

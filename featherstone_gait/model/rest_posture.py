@@ -1,4 +1,4 @@
-"""The default posture: joints at zero, or as near to zero as their limits allow."""
+"""Default postures: a keyframe in which the robot stands, or joints at zero, or as near as their limits allow."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ from .links import Joint, leader_of
 from .robot import Model
 
 ROUNDING = 1e-12  # of a position [rad or m]
+STANDING = ("stand", "standing", "home")  # keyframes in which a robot stands
+
+
+def standing_keyframe(model: Model) -> np.ndarray | None:
+    """Return the positions (nq,) of the first keyframe named in `STANDING`; None if there is none."""
+    return next((np.array(model.keyframes[name]) for name in STANDING if name in model.keyframes), None)
 
 
 def nearest_posture(model: Model) -> np.ndarray:

@@ -18,6 +18,7 @@ from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
 from ..dynamics import deepest_points
 from ..model import ContactPoint, Ground, HeightField, Model
 from ..model.numpy_dynamics import link_poses, mass_center
+from ..model.rest_posture import standing_keyframe
 from .records import fill, records
 from .tree import Tree
 
@@ -162,9 +163,6 @@ def _height_on_field(model: Model, ground: Ground, q: np.ndarray) -> float:
     return float(q[2])
 
 
-STANDING = ("stand", "standing", "home")  # keyframes in which a robot stands
-
-
 def standing_posture(model: Model) -> tuple[float, tuple[float, float, float]]:
     """Return the height of the center of mass over the lowest contact [m], and what points up in the root's frame (3,).
 
@@ -176,12 +174,11 @@ def standing_posture(model: Model) -> tuple[float, tuple[float, float, float]]:
 
 @functools.lru_cache(maxsize=8)
 def _standing(model: Model) -> tuple[float, tuple[float, float, float]]:
-    for name in STANDING:
-        if name in model.keyframes:
-            q = np.array(model.keyframes[name])
-            up = rotation_from_quaternion(q[3:7])[2]
-            q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
-            return _heights_along(model, q, [up])[0][0], (float(up[0]), float(up[1]), float(up[2]))
+    q = standing_keyframe(model)
+    if q is not None:
+        up = rotation_from_quaternion(q[3:7])[2]
+        q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+        return _heights_along(model, q, [up])[0][0], (float(up[0]), float(up[1]), float(up[2]))
     q = np.zeros(model.nq)
     q[3] = 1.0
     axes = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0))

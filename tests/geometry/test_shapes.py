@@ -386,6 +386,25 @@ def test_shapes_of_a_trunk_alone_are_no_feet():
         with_contacts(model, 3)
 
 
+@pytest.mark.parametrize("keyframe", ["home", "stand"])
+def test_soles_are_chosen_as_the_robot_stands(keyframe):
+    """Soles that stand upright on their heels at zero lie flat in the keyframe: all of each carries the robot."""
+    sole = Box((0.04, 0.06, 0.2))
+    links = tuple(Link(name, *BODY) for name in ("trunk", "left", "right"))
+    joints = tuple(
+        Joint(f"{side}_ankle", "revolute", "trunk", side, (0.0, y, -0.5), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), -2.0, 2.0)
+        for side, y in (("left", 0.1), ("right", -0.1))
+    )
+    shapes = (Shape("trunk", Box((0.1, 0.3, 0.4))), *(Shape(side, sole) for side in ("left", "right")))
+    standing = (0.0, 0.0, 0.52, 1.0, 0.0, 0.0, 0.0, math.pi / 2, math.pi / 2)
+    robot = Model("biped", links, joints, "floating", shapes=shapes, keyframes={keyframe: standing})
+    found = with_contacts(robot, "feet").contacts
+    at = contact_positions(replace(robot, contacts=found), np.array(standing))
+    lowest = {tuple(np.round(x, 9) + 0.0) for x in at if abs(x[2]) < 1e-9}
+    assert lowest == {(x, y + z, 0.0) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.03, 0.03)}
+    assert all(point.load_bearing == (abs(x[2]) < 1e-9) for point, x in zip(found, at))
+
+
 def test_a_robot_that_lies_on_its_belly_has_no_feet():
     links = (Link("trunk", *BODY), Link("leg", *BODY))
     joint = Joint("hip", "revolute", "trunk", "leg", (0.5, 0.0, 0.0), lower=-1.0, upper=1.0)
