@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
 LINE = 79  # columns of what is printed
-SERVO_HELP = "gearbox model of the servos (default: mipsd if the robot has servos{})"
+SERVO_HELP = "gearbox model of the servos (default: mipsd for elastic gears, rotor for rigid ones{})"
 
 
 class Help(argparse.HelpFormatter):
@@ -148,7 +148,7 @@ def add_gearbox(parser: Parser, choices: Sequence[str], help: str, default: Gear
 
 
 def gearbox_of(args: argparse.Namespace, model: Model, default: GearboxKind | None) -> GearboxKind | None:
-    """Return the value of --gearbox; raise ValueError for a robot without servos."""
+    """Return the value of --gearbox; raise ValueError for a robot without servos; default: what is meant without it."""
     if args.gearbox is None:
         return default
     if args.gearbox == "none":
@@ -157,6 +157,19 @@ def gearbox_of(args: argparse.Namespace, model: Model, default: GearboxKind | No
         file = Path(model.source).with_suffix(".toml").name
         raise ValueError(f"{model.name} has no servos; name them under [servos] in {file} beside it, or omit --gearbox")
     return args.gearbox
+
+
+def with_feet(model: Model) -> tuple[Model, str]:
+    """Give a floating robot without contact points those of its feet; say what was taken, or why nothing was."""
+    if model.base != "floating" or model.contacts or not model.shapes:
+        return model, ""
+    from ..geometry.contact_choice import with_contacts
+
+    try:
+        model = with_contacts(model, "feet")
+    except (ValueError, ImportError) as error:
+        return model, f"contacts    none: {error}"
+    return model, f"contacts    {len(model.contacts)} points of its feet, from its collision shapes"
 
 
 def output(args: argparse.Namespace, ending: str) -> Path:

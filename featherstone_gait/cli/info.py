@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from ..base.files import complete
 from ..scene.gearbox_kinds import GEARBOX_KINDS
-from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output
+from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output, with_feet
 
 if TYPE_CHECKING:
     from ..model import Controller, Gearbox, Joint, Model, Servo
@@ -42,11 +42,11 @@ def add(commands: Commands) -> None:
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
     from ..robot_file import load_robot
+    from ..scene.actuator import usual_gearbox
     from ..scene.compile import compile_scene
 
-    model = load_robot(args.robot, locked=args.locked)
-    has_any = any(name in model.servos for name in model.joint_names)
-    scene = compile_scene(model, gearbox_of(args, model, "mipsd" if has_any else None), ground(model))
+    model, taken = with_feet(load_robot(args.robot, locked=args.locked))
+    scene = compile_scene(model, gearbox_of(args, model, usual_gearbox(model)), ground(model))
     points = [(point.link, _numbers(point.position)) for point in model.contacts]
     lines = [
         f"{model.name}  {model.source}",
@@ -55,6 +55,7 @@ def run(args: Namespace) -> int:
         *_joint_table(model, scene.preflight),
         *_servo_table(model),
         *(table(("contact point on", "position [m]"), points) if points else []),
+        *_filled([taken] if taken else []),
         *_filled(f"note: {note}" for note in model.notes),
         "",
         *_filled([_ground_line(model)]),
@@ -152,12 +153,15 @@ def _ground_line(model: Model) -> str:
 
 
 def _choice_table(model: Model, scene: CompiledScene) -> list[str]:
-    """List the integrator and the explicit limit for each kind of gearbox."""
+    """List the integrator and the explicit limit for each kind of gearbox that the servos have the numbers for."""
+    from ..scene.actuator import usual_gearbox
     from ..scene.compile import compile_scene
 
-    has_any = any(name in model.servos for name in model.joint_names)
-    kinds: tuple[GearboxKind | None, ...] = (None, *GEARBOX_KINDS) if has_any else (None,)
-    usual = "mipsd" if has_any and model.base == "floating" else None
+    suited = usual_gearbox(model)
+    kinds: list[GearboxKind | None] = [None]
+    if suited is not None:
+        kinds += [kind for kind in GEARBOX_KINDS if kind != "mipsd" or suited == "mipsd"]
+    usual = suited if model.base == "floating" else None
     rows = []
     for kind in kinds:
         each = scene if kind == scene.gearbox else compile_scene(model, kind, scene.ground)
@@ -165,7 +169,8 @@ def _choice_table(model: Model, scene: CompiledScene) -> list[str]:
         limit = f"{1e3 * largest:.3g} ms, {worst.joint}: {worst.cause}" if worst is not None else "any"
         steps = "" if each.adaptive else f", {1e3 * each.timestep:g} ms"
         rows.append(((kind or "none") + " *" * (kind == usual), limit, each.integrator + steps))
-    return [*table(("servos", "explicit steps up to", "integrator"), rows), "* default of `simulate`"]
+    rigid = ["mipsd needs a finite stiffness and a rotor inertia of every servo's gearbox"] if suited == "rotor" else []
+    return [*table(("servos", "explicit steps up to", "integrator"), rows), "* default of `simulate`", *rigid]
 
 
 def _filled(lines: Iterable[str]) -> list[str]:

@@ -22,12 +22,13 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ..base.files import complete
-from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output
+from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output, with_feet
 
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
+    from ..model import Model
     from ..run.trajectory import Trajectory
     from ..scene.compile import CompiledScene
 
@@ -50,13 +51,18 @@ def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
     start = time.perf_counter()
     from ..robot_file import load_robot
+    from ..scene.actuator import usual_gearbox
     from ..scene.compile import compile_scene
     from ..view.style import look
 
     model = load_robot(args.robot, locked=args.locked)
-    driven = model.base == "floating" and bool(model.servos)
-    servos = gearbox_of(args, model, "mipsd" if driven else None)
-    scene = compile_scene(model, servos, ground(model), args.integrator, args.timestep)
+    model, taken = with_feet(model)
+    if taken:
+        print(_filled(taken))
+    gearbox = gearbox_of(args, model, usual_gearbox(model) if model.base == "floating" else None)
+    if gearbox is not None and args.gearbox is None:
+        print(f"gearbox     {gearbox}: the gears are {'elastic' if gearbox == 'mipsd' else 'rigid'} (--gearbox)")
+    scene = compile_scene(model, gearbox, ground(model), args.integrator, args.timestep)
     duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
     text, simulated = _experiment(scene)
     simulated(scene, scene.timestep)  # compiles, or loads what an earlier process compiled
@@ -95,20 +101,26 @@ def _is_free(scene: CompiledScene) -> bool:
 
 def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
     """Describe the experiment, and make the function run(scene, duration) that simulates it."""
-    import numpy as np
-
+    from ..model.rest_posture import nearest_posture
     from ..run.reference import Reference
     from ..run.simulate import initial_state, simulate
+    from ..scene.contact import standing_height
 
-    model, state, reference = scene.model, None, None
-    home = np.array([min(max(0.0, joint.lower), joint.upper) for joint in model.moving_joints])
-    doing = "servos hold all joints at zero" if scene.gearbox else "all joints limp"
-    text = f"{model.name} stands on the ground, {doing}"
-    if scene.ground is None:
-        q, posture = _start(scene, home, PULL if scene.gearbox else SWING)
-        text = f"{model.name} swings freely from rest, {posture}"
+    model, reference = scene.model, None
+    home = nearest_posture(model)[model.nq - len(model.joint_names) :]
+    if scene.ground is not None:
+        q, where = _standing(model, home)
+        q[2] = standing_height(model, scene.ground, q)
+        doing = f"servos hold all joints {where}" if scene.gearbox else f"all joints limp, at first {where}"
+        text, state = f"{model.name} stands on the ground, {doing}", initial_state(scene, q)
+    else:
+        q, posture = _swinging(scene, home, PULL if scene.gearbox else SWING)
+        moves = "falls" if model.base == "floating" else "swings"
+        text = f"{model.name} {moves} freely from rest, {posture}"
         if scene.gearbox:
-            reference, text = Reference([0.0], home[None]), f"{model.name}, {posture}, is pulled to zero by its servos"
+            goal = "the posture nearest to zero" if home.any() else "zero"
+            does = "falls freely, and is pulled" if model.base == "floating" else "is pulled"
+            reference, text = Reference([0.0], home[None]), f"{model.name}, {posture}, {does} to {goal} by its servos"
         state = initial_state(scene, q)
     sample = max(1, round(SAMPLE / scene.timestep)) * scene.timestep
     record = ["q", "qd", "torque", "energy"]
@@ -121,17 +133,35 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
     return text, run
 
 
-def _start(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[list[float] | np.ndarray, str]:
+def _standing(model: Model, home: np.ndarray) -> tuple[np.ndarray, str]:
+    """Choose the posture (nq,) of a robot on the ground, over the origin, and say where the joints are."""
+    import numpy as np
+
+    from ..model.rest_posture import standing_keyframe
+
+    q = standing_keyframe(model)
+    if q is not None:
+        return np.array([0.0, 0.0, *q[2:]]), "as in its keyframe"
+    return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *home]), _where(home)
+
+
+def _where(home: np.ndarray) -> str:
+    return "as near to zero as their limits allow" if home.any() else "at zero"
+
+
+def _swinging(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[np.ndarray, str]:
     """Choose the start: the first joint, if it is revolute, at `angle` or its limit, the others at home."""
+    import numpy as np
+
     from ..scene.tree import followed
 
-    model, q, posture = scene.model, home.copy(), "all joints at zero"
+    model, q, posture = scene.model, home.copy(), f"all joints {_where(home)}"
     if model.moving_joints and model.moving_joints[0].type != "prismatic":
         joint = model.moving_joints[0]
         q[0] = min(max(angle, joint.lower), joint.upper)
-        posture = f"{joint.name} at {math.degrees(q[0]):.4g} deg, all others at zero"
+        posture = f"{joint.name} at {math.degrees(q[0]):.4g} deg, all others {_where(home)}"
     q = followed(scene.tree.coupling, q)
-    return ([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q] if model.base == "floating" else q), posture
+    return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q] if model.base == "floating" else q), posture
 
 
 def _measures(scene: CompiledScene, trajectory: Trajectory) -> dict[str, Any]:

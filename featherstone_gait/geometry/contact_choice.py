@@ -1,9 +1,9 @@
 """From collision shapes to the points that can touch the ground, and the choice of those that shall.
 
 The feet of a robot are its lowest links at rest: in its keyframe "stand", "standing" or "home", else in the admissible
-posture nearest to zero with the base upright, the links that have shapes on bodies beyond which no other body has any, and whose lowest shape comes within `FOOT` of the
-robot's height to the lowest of all; and any whose shape is as low as that, as a foot with a toe before it.  Of links
-that are fixed to each other the lowest counts.
+posture nearest to zero with the base upright.  They are the links that have shapes on bodies beyond which no other body
+has any, and whose lowest shape comes within `FOOT` of the robot's height to the lowest of all; and any whose shape is
+as low as that, as a foot with a toe before it.  Of links that are fixed to each other the lowest counts.
 """
 
 from __future__ import annotations

@@ -42,6 +42,19 @@ class Drive(NamedTuple):
         return self.actuator is not None and "servo" in self.actuator.PARTS
 
 
+def usual_gearbox(model: Model) -> GearboxKind | None:
+    """Return the gearbox model that the servos have numbers for: "mipsd" needs elastic gears; None without servos."""
+    servos = [model.servos[name] for name in model.joint_names if name in model.servos]
+    if not servos:
+        return None
+    elastic = all(_is_elastic(servo) and servo.controller.law not in TORQUE_LAWS for servo in servos)
+    return "mipsd" if elastic else "rotor"
+
+
+def _is_elastic(servo: Servo) -> bool:
+    return servo.gearbox.stiffness < math.inf and servo.gearbox.rotor_inertia > 0
+
+
 def build_drive(model: Model, kind: GearboxKind | None) -> Drive:
     """Build the actuator of a scene; raise ValueError for kinds and laws that do not fit the model."""
     joints = model.joint_names
@@ -94,7 +107,7 @@ def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
         if servo is None:
             continue
         g = servo.gearbox
-        if not (g.stiffness < math.inf and g.rotor_inertia > 0):
+        if not _is_elastic(servo):
             raise ValueError(
                 f"{model.name}: joint {name}: mipsd needs a finite stiffness and a rotor inertia > 0; they are "
                 f"{g.stiffness} N m/rad and {g.rotor_inertia} kg m^2: choose another gearbox, or gearbox='rotor'"

@@ -94,6 +94,25 @@ def test_info_says_what_simulate_would_take_for_each_kind_of_servo(capsys, monke
             assert f" {1e3 * step:.3g} ms, " in row if math.isfinite(step) else " any " in row
 
 
+@pytest.mark.parametrize("command", ["info", "simulate"])
+def test_a_robot_of_ones_own_stands_on_its_feet_with_the_gears_that_it_has(command, capsys, tmp_path):
+    """No contact points are typed, its knee is bent at the least, and its servo has a rigid gear."""
+    inertial = '<mass value="1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/>'
+    link = f'<link name="%s"><inertial>{inertial}</inertial>'
+    link += '<collision><origin xyz="0 0 %s"/><geometry><box size="%s"/></geometry></collision></link>'
+    joint = '<joint name="knee" type="revolute"><parent link="trunk"/><child link="foot"/><origin xyz="0 0 -0.1"/>'
+    joint += '<axis xyz="1 0 0"/><limit lower="0.01" upper="1" effort="1" velocity="1"/></joint>'
+    parts = link % ("trunk", 0, "0.1 0.1 0.1"), link % ("foot", -0.1, "0.3 0.3 0.02"), joint
+    (tmp_path / "hopper.urdf").write_text(f'<robot name="hopper">{"".join(parts)}</robot>', "utf-8")
+    (tmp_path / "hopper.toml").write_text('base = "floating"\n[servos]\ndefault = "xl330"\n', "utf-8")
+    assert cli.main([command, str(tmp_path / "hopper.urdf"), "--out", str(tmp_path)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "contacts 4 points of its feet" in said
+    assert ("rotor *" if command == "info" else "gearbox rotor: ") in said
+    if command == "simulate":
+        assert "stands on the ground, servos hold all joints as near to zero as their limits allow" in said
+
+
 def test_info_says_what_carries_a_robot(capsys, tmp_path):
     assert cli.main(["info", "humanoid"]) == 0
     said = " ".join(capsys.readouterr().out.split())
