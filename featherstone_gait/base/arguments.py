@@ -56,6 +56,8 @@ def floats(name: str, value: Any, remedy: str = "give real numbers, or an array 
         array = np.array(None)
     if array.dtype.kind not in "iuf":
         raise ValueError(f"{name} is {shown(value)}; {remedy}")
+    if np.ma.is_masked(value):
+        raise ValueError(f"{name} has masked values: {shown(value)}; fill them, or leave them out")
     return array.astype(float, copy=False)
 
 

@@ -127,7 +127,16 @@ def preflight(
     check = Preflight(tuple(limits), "", 0.0, "", options.integrator is not None, inertias, *steps)
     clipped = drive.actuator is not None or options.ground is not None or sticks(friction)
     integrator, step, reason = _choice(options, clipped, check)
+    if options.timestep is None and drive.sampled:
+        step = _dividing(min(servo.controller.period for servo in drive.servos if servo), step)
     return check._replace(integrator=integrator, timestep=step, reason=reason)
+
+
+def _dividing(period: float, step: float) -> float:
+    """Return the step, or the next shorter one that divides the period of the controllers [s]."""
+    if abs(round(period / step) * step - period) <= 1e-9 * period:
+        return step
+    return period / math.ceil(period / step)
 
 
 Acting: TypeAlias = dict[str, np.ndarray]  # dampers or springs of each joint and each spring between bodies, by cause

@@ -36,6 +36,15 @@ from featherstone_gait.walking.zero_moment_point import multibody_zmp
 pytestmark = pytest.mark.nojit
 
 
+def test_masked_values_are_refused():
+    """An array whose mask hides nothing is one like any other."""
+    arm = load_robot("arm7")
+    hidden = np.ma.masked_array(np.zeros(7), mask=[True, *[False] * 6])
+    with pytest.raises(ValueError, match=r"q has masked values: .*; fill them, or leave them out"):
+        forward_dynamics(arm, hidden, np.zeros(7), np.zeros(7))
+    assert forward_dynamics(arm, np.ma.masked_array(np.zeros(7)), np.zeros(7), np.zeros(7)).shape == (7,)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

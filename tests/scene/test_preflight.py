@@ -107,6 +107,16 @@ def test_scene_chooses_integrator_and_step_and_says_why():
     assert (asked.integrator, asked.timestep, asked.reason) == ("midpoint", 5e-4, "as asked for")
 
 
+@pytest.mark.parametrize(("period", "step"), [(7.3e-3, 7.3e-3 / 8), (0.01, 1e-3), (3e-4, 3e-4), (1e-3 / 3, 1e-3 / 3)])
+def test_the_step_chosen_divides_the_controllers_period(period, step):
+    servo = load_servo("ax12")
+    servo = replace(servo, controller=replace(servo.controller, period=period, lag=period))
+    arm = load_robot("ax12_arm")
+    scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.joint_names, servo)), "rotor")
+    assert scene.timestep == pytest.approx(step, rel=1e-15)
+    assert scene.tick_steps * scene.timestep == pytest.approx(period, rel=1e-12)
+
+
 def test_numbers_beyond_computing_are_refused_by_name():
     with pytest.raises(ValueError, match=r"gearbox: damping is 1e\+308 .* of a size from 1e-50 to 1e\+50"):
         load_servo("ax12", damping=1e308)
