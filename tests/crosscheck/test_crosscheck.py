@@ -376,7 +376,7 @@ def test_a_robot_of_a_file_is_named_with_its_gait(trotting, tmp_path, capsys):
         assert cli.main(["crosscheck", str(tmp_path / f"{gait}.csv"), *robot, *options]) == 0
         assert "in MuJoCo it walks 2 strides on 1 of 1 floors" in capsys.readouterr().out
     assert cli.main(["crosscheck", str(tmp_path / "steps.csv"), *options]) == 2  # ten joints
-    assert "neck" in capsys.readouterr().err
+    assert "left_hip_rotation" in capsys.readouterr().err  # the first of those that this robot has locked
 
 
 # ---------------------------------------------------------------------------------------------- gait files
