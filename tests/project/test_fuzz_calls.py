@@ -40,6 +40,7 @@ OTHER_WORDS = {  # by which messages call arguments
     "q": ("joint",),
     "xyz": ("joint",),
     "trajectory": ("channel",),
+    "joint_names": ("columns",),
 }
 
 
