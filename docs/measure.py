@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import itertools
 import json
 import math
 import sys
@@ -165,9 +166,9 @@ def stored(name: str) -> Path:
     return STORED / f"measured_{name}.csv"
 
 
-def measured(name: str) -> list[list[str]]:
-    """Return the header and the cells of a table."""
-    rows = [*TABLES[name]()]
+def measured(name: str, count: int | None = None) -> list[list[str]]:
+    """Return the header and the cells of a table; count: of its first rows."""
+    rows = [*itertools.islice(TABLES[name](), count)]
     cells = [[f"{x:.10g}" if isinstance(x, float) else str(x) for x in row.values()] for row in rows]
     return [[*rows[0]], *cells]
 

@@ -167,11 +167,15 @@ def test_reports_are_kept_without_the_machine_and_the_candidates(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["plans", "previews", "grounds", "pushes", "solver", "arm", "posture"])
-def test_measured_again_a_table_is_the_stored_one(name):
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [("plans", 2), ("previews", 4), ("grounds", 10), ("pushes", 1), ("solver", 2), ("arm", 3), ("posture", 2)],
+)
+def test_measured_again_the_first_rows_of_a_table_are_the_stored_ones(name, count):
+    """Those that take a minute at most; `python docs/measure.py` measures all."""
     measure = importlib.import_module("measure")
     assert name in measure.TABLES
-    assert measure.measured(name) == measure.read(name)
+    assert measure.measured(name, count) == measure.read(name)[: 1 + count]
 
 
 @pytest.mark.long
