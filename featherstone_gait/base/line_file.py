@@ -18,6 +18,10 @@ REMEDY = "delete this line and all below to resume before it"
 _log = logging.getLogger(__name__)
 
 
+def _line(content: dict[str, Any]) -> bytes:
+    return (json.dumps(content) + "\n").encode()
+
+
 class LineFile:
     """A file of JSON lines, which one process at a time writes: a line is written whole or not at all.
 
@@ -43,7 +47,7 @@ class LineFile:
                 for number, line in enumerate(file, start=1):
                     what = f"{path}, line {number}"
                     if not line.endswith(b"\n"):
-                        if not line.startswith(b"{"):
+                        if not (line.startswith(b"{") if number > 1 else _line(header).startswith(line)):
                             raise ValueError(f"{what}: damaged; {remedy}")
                         _log.warning("%s: dropped the last line, which was cut off", path)
                         self._file.truncate(place)
@@ -60,7 +64,7 @@ class LineFile:
 
     def write(self, *contents: dict[str, Any]) -> list[int]:
         """Hand lines to the system, which keeps them whatever becomes of this process; return their places."""
-        lines = [(json.dumps(content) + "\n").encode() for content in contents]
+        lines = [*map(_line, contents)]
         data, complete = memoryview(b"".join(lines)), self._file.seek(0, os.SEEK_END)
         try:
             while data:

@@ -349,6 +349,16 @@ def test_a_torn_last_line_is_dropped_with_a_note(tmp_path, caplog):
     assert len(path.read_bytes().splitlines()) == len(complete.splitlines())
 
 
+@pytest.mark.parametrize("text", ['{"my": "notes"}', '{"my": "notes"', '{"robot": "arm"}\n{"my": '])
+def test_a_file_of_others_is_refused_and_left_as_it_is(tmp_path, text):
+    """A line that was cut off is dropped only where it can be one of ours."""
+    path = tmp_path / "history.jsonl"
+    path.write_text(text, "utf-8")
+    with pytest.raises(ValueError, match=r"history\.jsonl, line 1"):
+        minimize(sphere, np.zeros(2), history=path, resume=True, **SETTINGS)
+    assert path.read_text("utf-8") == text
+
+
 def test_a_finished_search_can_be_carried_on(tmp_path):
     path = tmp_path / "history.jsonl"
     minimize(rosenbrock, np.zeros(5), history=path, **{**SETTINGS, "max_iterations": 100})
