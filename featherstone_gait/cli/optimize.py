@@ -10,7 +10,7 @@ grows in proportion to the numbers of candidates and worlds, and is printed befo
 
   featherstone-gait optimize
   featherstone-gait optimize --seed 3 --out third --crosscheck
-  featherstone-gait optimize --robot my_biped.urdf --servo xl330
+  featherstone-gait optimize --robot my_biped.urdf --servo xl330 --gearbox rotor
   featherstone-gait optimize --robot g1.urdf --servo generic --legs-only
 """
 
