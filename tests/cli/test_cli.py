@@ -94,6 +94,7 @@ def test_info_says_what_simulate_would_take_for_each_kind_of_servo(capsys, monke
             assert f" {1e3 * step:.3g} ms, " in row if math.isfinite(step) else " any " in row
 
 
+@pytest.mark.quick("info")
 @pytest.mark.parametrize("command", ["info", "simulate"])
 def test_a_robot_of_ones_own_stands_on_its_feet_with_the_gears_that_it_has(command, capsys, tmp_path):
     """No contact points are typed, its knee is bent at the least, and its servo has a rigid gear."""

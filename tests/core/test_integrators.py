@@ -284,6 +284,7 @@ def test_outputs_belong_to_the_instant():
     assert np.abs(run["torque"][5:] - torque[5:]).max() < 1e-5
 
 
+@pytest.mark.long
 def test_a_tolerance_picks_an_integrator_that_can_meet_it():
     free = compile_scene(unlimited(load_robot("arm7_spatial")))
     assert simulate(free, 0.01, rtol=1e-6).info["integrator"] == "dop853"

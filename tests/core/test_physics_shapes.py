@@ -167,6 +167,7 @@ def test_a_tilted_height_field_is_the_plane_of_that_slope(model):
     np.testing.assert_allclose(runs[1], runs[0], atol=1e-12)
 
 
+@pytest.mark.long
 def test_forces_on_a_field_are_turned_into_the_world():
     scene = on(Ground(field=tilted_field(-0.2, 0.6)), box(size=(0.2, 0.2, 0.1)))
     q = [0.0, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0]

@@ -159,6 +159,7 @@ def test_a_step_in_which_it_raises_does_nothing(n, at):
         assert np.array_equal(session.trajectory(n - 1)[name], other.trajectory(n - 1)[name])
 
 
+@pytest.mark.long
 def test_the_error_is_told_with_it():
     run = simulate(scene_of(lag=0.0), 0.1, reference=moving(), controller=stairs)
     assert run.error is not None

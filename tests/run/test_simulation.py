@@ -414,6 +414,7 @@ def test_a_stop_pushes_only_back():
 MOON = 1.62  # [m/s^2]
 
 
+@pytest.mark.long
 def test_a_box_sinks_in_on_the_moon_as_deep_as_asked_for():
     scene = compile_scene(box(), ground=Ground(penetration=1e-3), gravity=(0.0, 0.0, -MOON), **NEVER_FALLEN)
     start = initial_state(scene)

@@ -235,6 +235,7 @@ def alone(humanoid, everything, walks):
     return [simulate(scene, 0.6, reference=walk, **how) for scene, walk in zip(scenes, walks)]
 
 
+@pytest.mark.quick("forward", "another process")
 @pytest.mark.parametrize("way", ["forward", "backward", "another process", "without refilling"])
 def test_all_numbers_at_once_on_the_ground(humanoid, everything, walks, alone, way):
     names = (*RECORD, "base_q", "contact_force")
@@ -268,6 +269,7 @@ def test_many_worlds_with_noise_in_all_lanes_of_all_cores(humanoid):
     for run, own, reference, noise in zip(runs, worlds.scenes(humanoid), references, noises):
         assert_same(run, simulate(own, 0.6, reference=reference, noise=noise, **how), RECORD)
 
+@pytest.mark.long
 def test_error_controlled_runs_take_their_own_scenes():
     scene = compile_scene(load_robot("ax12_arm"), "mipsd")
     worlds, references = Worlds(runs=3, servos={"Kp": TENTH}), swings(scene, 3)

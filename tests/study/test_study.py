@@ -227,6 +227,7 @@ def test_every_parameter_changes_the_scene_it_names(tmp_path):
         assert rows[0]["energy_J"] != rows[1]["energy_J"], change
 
 
+@pytest.mark.long
 def test_runs_that_fail_or_make_no_scene_are_rows_like_others(tmp_path):
     """The humanoid tips over on a slope of 40 degrees; a step of 3 ms does not fit the controllers' 10 ms."""
     text = 'robot = "humanoid"\nlocked = "simplified"\nexperiment = "hold"\nduration = 2.0\n'

@@ -144,6 +144,7 @@ def test_without_gains_the_gait_is_played_as_it_is(walk, scene):
     assert np.abs(plain["base_q"] - played["base_q"]).max() < 1e-9
 
 
+@pytest.mark.long
 def test_lanes_and_seeds(walk, scene):
     """The same bits alone and in lanes, where each run has its own sensors; other seeds are other runs."""
     reference, end = walk.reference(2), walk.begin(2)

@@ -138,6 +138,7 @@ def test_the_best_step_is_where_slopes_balance():
     assert np.array_equal(H.T @ H, 8.0 * np.eye(8))
 
 
+@pytest.mark.long
 def test_a_descent_is_the_better_at_its_price_the_longer_it_goes_and_goes_on_from_its_history(cost, watch, tmp_path):
     plain, history = in_worlds(replace(cost, strides=3), 2), tmp_path / "descent.jsonl"
     one = descend(plain, watch, steps=1, history=history)
