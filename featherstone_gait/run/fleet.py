@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,10 +52,10 @@ class Group:
         self._y, self._out = zeros((count, self.length)), zeros((count, compiled.samples, numbers))
         self.y, self.out = self._with_lanes(self._y), self._with_lanes(self._out)
         self._noise = zeros((count, 1, n, 2)) if noisy else None
-        self.noise = None if self._noise is None else self._with_lanes(self._noise)[:, 0]
+        self.noise = None if self._noise is None else _by_lane(self._with_lanes(self._noise)[:, 0])
         self._samples = scene.sampled and lanes > 1  # what a command is to the kernels, else knots
         self._input = zeros((count, 1, n, 2 if self._samples else 4))
-        self.command = self._with_lanes(self._input)[:, 0, :, 0]  # a view (vectors, joints, lanes)
+        self.command = _by_lane(self._with_lanes(self._input)[:, 0, :, 0])  # a view (vectors, lanes, joints)
         self.timed = scene.adaptive or scene.constants.push is not None
         self.begun, self.steps, self.offset = (np.zeros(self.shape) for _ in range(3))  # see `Plan`, of first and steps
         self.status, self.end = self.y[:, o["status"]], self.y[:, o["end_time"]]  # views
@@ -104,9 +105,8 @@ class Group:
         return [self._y, self.steps, *(x for one in programs if one is not None for x in (one.command, one.memory))]
 
     def write(self, into: np.ndarray, values: np.ndarray) -> None:
-        """Write values (n, ...) of all robots into places (vectors, ..., lanes)."""
-        target = _by_lane(into)
-        np.copyto(target, (values[: len(self.of)] if self.in_order else values[self.of]).reshape(target.shape))
+        """Write values (n, ...) of all robots into places (vectors, lanes, ...)."""
+        np.copyto(into, (values[: len(self.of)] if self.in_order else values[self.of]).reshape(into.shape))
 
     def read(self, parts: np.ndarray, into: np.ndarray) -> None:
         """Copy from places (vectors, ..., lanes) into values (n, ...) of all robots."""
@@ -115,6 +115,13 @@ class Group:
             np.copyto(into[: len(self.of)].reshape(source.shape), source)
         else:
             into[self.robots] = source.reshape(-1, *into.shape[1:])[: len(self.robots)]
+
+    def reader(self, part: slice | np.ndarray, into: np.ndarray) -> Callable[[], None]:
+        """Return a function that copies a part of the states into values (n, ...) of all robots."""
+        if isinstance(part, slice) and self.in_order:  # views, made once
+            source = _by_lane(self.y[:, part])
+            return partial(np.copyto, into[: len(self.of)].reshape(source.shape), source)
+        return lambda: self.read(self.y[:, part], into)
 
     def tick(self, k: int) -> None:
         """Advance the robots of a vector to the next tick."""

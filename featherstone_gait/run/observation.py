@@ -33,7 +33,7 @@ class View:
     """Read a channel or sensor of all robots, into an array that is used again."""
 
     def __init__(self, fleet: Fleet, tick: float, name: str) -> None:
-        self.name, self._fleet, name = name, fleet, current_name(name)
+        self.name, name = name, current_name(name)
         if not isinstance(name, str) or name not in (*RECORDABLE, *SENSORS):
             known = ", ".join((*RECORDABLE, *SENSORS))
             raise ValueError(f"observe: there is no channel or sensor {shown(name)}; there are {known}")
@@ -42,18 +42,20 @@ class View:
             needed = tuple(need for need in needed if self._sensor is None or not need.startswith("base"))
         self._runs = each_once(lambda run: prepare(run.scene, tick, needed), fleet.runs)
         self._values = np.zeros((len(fleet.runs), len(self._runs[0].channels)))
-        self._parts: list[Any] = [self._runs[group.robots[0]].channels for group in fleet.groups]
-        for k, places in enumerate(self._parts):
-            if len(places) and (np.diff(places) == 1).all():  # a view costs less than a choice
-                self._parts[k] = slice(int(places[0]), int(places[-1]) + 1)
+        self._copies = []
+        for group in fleet.groups:
+            part = self._runs[group.robots[0]].channels
+            if len(part) and (np.diff(part) == 1).all():  # a view costs less than a choice
+                part = slice(int(part[0]), int(part[-1]) + 1)
+            self._copies.append(group.reader(part, self._values))
         plain = self._sensor is None and BY_NAME[name].kind != "computed"
         self._shaped = shaped(BY_NAME[name], self._values) if plain else None
         self._result: Any = None
 
     def __call__(self) -> Any:
         """Return the present values."""
-        for group, part in zip(self._fleet.groups, self._parts):
-            group.read(group.y[:, part], self._values)
+        for copy_part in self._copies:
+            copy_part()
         if self._shaped is not None:
             return self._shaped
         found = self._computed()
