@@ -407,6 +407,11 @@ def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.
     -------
     numpy.ndarray
         Vectors (springs, 3) or (n, springs, 3) in world axes [m].
+
+    Raises
+    ------
+    ValueError
+        For links that do not exist, wrong shapes and values that are not finite.
     """
     check_model(model)
     check_springs(model.links, springs)

@@ -32,7 +32,7 @@ class Source(Protocol):
         """Return the key of a run nobody has taken; None if there are no more or, unless `wait`, none at present."""
 
     def wanted(self, key: Any) -> bool:
-        """Return whether a run that was taken is still to be finished."""
+        """Return whether the answer of a run is still needed."""
 
     def give(self, key: Any, answer: Any) -> None:
         """Accept the answer of a run."""

@@ -76,8 +76,9 @@ def initial_state(
     given = {"q": joints, "qd": rates, "filtered_speed": rates, "rotor": joints, "rotor_speed": rates}
     given |= {"profiled_reference": joints, "base_q": q[:7], "base_qd": qd[:6]}
     view = scene.state_view(y)
-    for name in view.keys() & given.keys():
-        view[name][...] = given[name]
+    for name, values in given.items():
+        if name in view:
+            view[name][...] = values
     if scene.constants.supply is not None:
         y[o["bus_voltage"]] = scene.constants.supply[0].voltage
     if model.base == "floating":

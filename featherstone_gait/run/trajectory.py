@@ -146,7 +146,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         described = {"format": str(FORMAT), **self.described(), "parts": self.parts}
         arrays: dict[str, Any] = {f"channel_{k}": v for k, v in self.channels.items()}
         arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
-        arrays |= {} if self.second_final is None else {"companion": self.second_final}
+        arrays |= {} if self.second_final is None else {"second_final": self.second_final}
         with complete_together(*files(path)) as (data, text):
             with data.open("xb") as file:
                 np.savez_compressed(file, format=str(FORMAT), final=self.final, **arrays)
@@ -174,8 +174,10 @@ class Trajectory(Mapping[str, np.ndarray]):
         """
         data, text = files(path)
         described, arrays = read_json(text, FORMAT), read_arrays(data, FORMAT)
+        if "companion" in arrays:  # its name in earlier files
+            arrays["second_final"] = arrays.pop("companion")
         _check_arrays(data, arrays)
-        final, second = arrays.pop("final"), arrays.pop("companion", None)
+        final, second = arrays.pop("final"), arrays.pop("second_final", None)
         parts = described.pop("parts", None)
         _check_described(text, described)
         channels, error = (
@@ -265,9 +267,9 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """Raise ValueError unless there are a final state, channels of equal length, and errors of their shapes."""
     if "final" not in arrays or arrays["final"].ndim != 1:
         raise ValueError(f"{path}: the array 'final' is missing or not a list of numbers; simulate again")
-    states = ("final", "companion")
-    if arrays.get("companion", arrays["final"]).shape != arrays["final"].shape:
-        raise ValueError(f"{path}: the array 'companion' does not have the shape of 'final'; simulate again")
+    states = ("final", "second_final")
+    if arrays.get("second_final", arrays["final"]).shape != arrays["final"].shape:
+        raise ValueError(f"{path}: the array 'second_final' does not have the shape of 'final'; simulate again")
     samples = {len(values) for name, values in arrays.items() if name not in states and values.ndim}
     for name, values in arrays.items():
         kind, _, channel = name.partition("_")

@@ -151,7 +151,7 @@ def test_moved_and_deviation_are_inverse():
 
 
 @pytest.mark.long
-def test_a_resting_box_has_no_kinks_and_one_that_touches_has_one_that_is_named():
+def test_a_resting_box_has_no_discontinuity_and_one_that_touches_has_one_that_is_named():
     """A point on the surface pushes when it is lower, and not when it is higher: k h / m of its speed in a step."""
     scene = box_on(Ground())
     assert linearize(scene, resting(scene)).discontinuities == ()
@@ -159,7 +159,7 @@ def test_a_resting_box_has_no_kinks_and_one_that_touches_has_one_that_is_named()
     q = np.array([0.0, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0])
     quick = compile_scene(scene.model, ground=ground, integrator="rk4", timestep=1e-5)
     found = linearize(quick, initial_state(quick, q))
-    height = next(kink for kink in found.discontinuities if kink.column == "base_q z")
+    height = next(each for each in found.discontinuities if each.column == "base_q z")
     row = height.rows.index("base_qd vz")
     k, m = scene.constants.contact.points.stiffness.sum(), scene.model.mass
     assert abs(height.right[row]) < 0.01 * abs(height.left[row])
@@ -168,7 +168,7 @@ def test_a_resting_box_has_no_kinks_and_one_that_touches_has_one_that_is_named()
     assert found.A_error[line, column] == pytest.approx(0.5 * (height.right[row] - height.left[row]))
 
 
-def test_a_voltage_at_its_limit_is_a_kink():
+def test_a_voltage_at_its_limit_is_a_discontinuity():
     """A reference beyond it changes nothing, one within it does."""
     model = load_robot("arm7")
     weaker = {name: replace(servo, voltage_limit=5.0) for name, servo in model.servos.items()}  # currents stay free
@@ -178,10 +178,10 @@ def test_a_voltage_at_its_limit_is_a_kink():
     reference = np.zeros(7)
     reference[0] = limit
     found = linearize(arm, initial_state(arm), reference)
-    kink = next(kink for kink in found.discontinuities if kink.column == "reference joint1")
-    row = kink.rows.index("current joint1")
-    assert kink.right[row] == 0.0
-    assert kink.left[row] > 1.0
+    switch = next(each for each in found.discontinuities if each.column == "reference joint1")
+    row = switch.rows.index("current joint1")
+    assert switch.right[row] == 0.0
+    assert switch.left[row] > 1.0
 
 
 @pytest.mark.long

@@ -47,7 +47,7 @@ def errors(case, integrator, tolerances, best=1e-11):
 
 
 @pytest.mark.long
-def test_errors_follow_the_tolerance_across_kinks():
+def test_errors_follow_the_tolerance_across_discontinuities():
     """A decade brings a factor of 6, as the median; none is large, nor larger than at the tolerance before.
 
     What is far below its tolerance already, by chance, may come nearer to it.

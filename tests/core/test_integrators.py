@@ -243,7 +243,7 @@ def test_extrapolation_and_midpoint_agree_on_the_whole_servo_chain():
 
 @pytest.mark.long
 def test_extrapolation_and_midpoint_agree_on_a_box_that_lands_and_slides():
-    """Touch-down, stick and slip are kinks: the tolerance is met all the same."""
+    """Touch-down, stick and slip are discontinuities: the tolerance is met all the same."""
     ground = Ground(friction=0.3, penetration=1e-3, damping_ratio=0.5)
     runs = []
     for integrator, h, rtol in (("midpoint", 2e-5, None), ("extrapolation", 1e-3, 1e-8)):

@@ -176,7 +176,7 @@ def test_forces_on_a_field_are_turned_into_the_world():
 
 
 @pytest.mark.nojit
-def test_a_field_is_bilinear_between_its_nodes_and_has_no_kink():
+def test_a_field_is_bilinear_between_its_nodes_and_is_continuous():
     rng = np.random.default_rng(1)
     field = HeightField(rng.normal(size=(5, 4)), (0.5, 0.25), (-1.0, 2.0))
     ground = Ground(field=field, height=0.3)

@@ -1,4 +1,4 @@
-"""The error that a companion tells of each run, and what is said of a run that it shows wrong."""
+"""The error estimate of each run, from a second one, and the status of a run that it shows wrong."""
 
 import math
 import operator
@@ -109,7 +109,7 @@ def test_pieces_alone_and_in_a_batch_have_the_same_error_to_the_bit():
 
 
 @pytest.mark.long
-def test_a_companion_is_kept_in_the_file(free, tmp_path):
+def test_the_end_of_the_second_run_is_kept_in_the_file(free, tmp_path):
     run = simulate(free, 0.05, thrown(free, 0.1))
     run.save(tmp_path / "run")
     again = Trajectory.load(tmp_path / "run")
@@ -136,7 +136,7 @@ def test_noise_is_the_same_for_both():
 
 
 @pytest.mark.long
-def test_a_companion_that_ends_otherwise_makes_a_run_inaccurate(free):
+def test_a_second_run_that_ends_otherwise_makes_a_run_inaccurate(free):
     run = simulate(free, 0.1, thrown(free, 0.5), estimate_error=False)
     fell = replace(run, status="fell", end_time=0.05)
     told = with_error_estimate(run, fell, 0.25, ("q",))
@@ -201,7 +201,7 @@ def test_a_finer_run_is_asked_before_a_fixed_step_is_called_inaccurate():
 
 @pytest.mark.long
 @pytest.mark.nojit
-def test_pieces_of_fixed_steps_have_the_same_companion():
+def test_pieces_of_fixed_steps_have_the_same_second_run():
     scene = compile_scene(ARM, integrator="midpoint", timestep=1e-3)
     whole = simulate(scene, 0.04, thrown(scene, 0.5))
     first = simulate(scene, 0.02, thrown(scene, 0.5))
@@ -213,7 +213,7 @@ def test_pieces_of_fixed_steps_have_the_same_companion():
 
 @pytest.mark.long
 @pytest.mark.nojit
-def test_what_cannot_be_doubled_has_no_companion():
+def test_steps_that_cannot_be_doubled_have_no_second_run():
     still = Reference([0.0], np.zeros((1, 7)))
     simtwo = compile_scene(load_robot("arm7"), "standard", integrator="simtwo", timestep=1e-3)
     assert simulate(simtwo, 0.01, reference=still).error is None
@@ -225,7 +225,7 @@ def test_what_cannot_be_doubled_has_no_companion():
 
 @pytest.mark.bounds
 @pytest.mark.nojit
-def test_between_ticks_companions_take_two_steps_for_one():
+def test_between_ticks_second_runs_take_two_steps_for_one():
     """Else both would take the same, and tell no error."""
     scene = compile_scene(load_robot("ax12_arm"), "rotor", gravity=(0.0, 0.0, 0.0))
     assert scene.integrator == "ars343"

@@ -144,7 +144,7 @@ def test_a_state_that_a_run_has_come_to_goes_on():
 
 
 @pytest.mark.long
-def test_the_companion_tells_the_error_of_simulate():
+def test_the_estimate_is_that_of_simulate():
     for integrator in ("midpoint", None):
         session, actions = Session(servo_arm(integrator, delay=0.0), 3, estimate_error=True), moves(3)
         for action in actions:
@@ -351,7 +351,7 @@ def test_an_exception_between_or_within_steps_leaves_a_session_as_it_was():
 
 @pytest.mark.long
 def test_an_interrupt_comes_when_all_of_a_tick_is_done(monkeypatch):
-    """Ctrl-C while robots go on: records and companions are as far as they are."""
+    """Ctrl-C while robots go on: records and second runs are as far as they are."""
     session, other = (Session(servo_arm(), 3, record=("q",), estimate_error=True) for _ in range(2))
     actions = moves(3, 4)
     tick = session._fleets[0].tick

@@ -35,7 +35,7 @@ def test_coupled_limit_is_where_the_linear_step_stops_being_stable(damping, spri
 
 
 def test_dry_friction_asks_for_implicit_steps():
-    """Its kinks starve a method of high order: some robots took seconds of computing for a millisecond."""
+    """Its discontinuities starve a method of high order: some robots took seconds of computing for a millisecond."""
     free = replace(load_robot("arm7"), servos={})
     dry = replace(free, joints=tuple(replace(joint, friction=1e-3, damping=0.0) for joint in free.joints))
     assert compile_scene(dry).integrator == "ars343"
