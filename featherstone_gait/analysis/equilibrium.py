@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import texts, vector
+from ..base.brief import brief
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.actuator import controller_of, motor_of
 from ..core.effects.controller import PID_SPEED
@@ -88,6 +89,8 @@ class Trim:
     change: float
     status: TrimStatus
     message: str
+
+    __repr__ = brief
 
     @property
     def ok(self) -> bool:

@@ -24,7 +24,7 @@ import functools
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike
 
 from ..base import deprecated
 from ..base.arguments import listed, one_of, vector, whole
+from ..base.brief import brief
 from ..base.fixed_order import total
 from ..core.compile.jit import direct
 from ..core.compile.lanes import WIDTH, aligned
@@ -89,6 +90,9 @@ class Discontinuity(NamedTuple):
     left: np.ndarray
     right: np.ndarray
 
+    def __repr__(self) -> str:
+        return brief(self)
+
 
 @deprecated.fields(kinks="discontinuities")
 @dataclass(frozen=True, eq=False)
@@ -130,7 +134,9 @@ class Linearization:
     change: np.ndarray
     period: float
     state: np.ndarray
-    chart: Chart
+    chart: Chart = field(repr=False)
+
+    __repr__ = brief
 
     def deviation(self, state: ArrayLike | Trajectory) -> np.ndarray:
         """Return the deviations x (n,) of a state (size,), or of the end of a trajectory."""

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import __version__
+from ..base.brief import in_full
 from ..base.files import Format, complete, read_arrays
 from ..base.processes import process_pool
 from ..core.integrate import INTEGRATORS
@@ -283,7 +284,9 @@ def digest(case: Case) -> str:
     r = case.reference
     signal = r and (r.times, r.values, r.kind, r.cyclic)
     with np.printoptions(threshold=sys.maxsize, precision=17):
-        text = repr((__version__, scene.model, chosen, scene.constants.push, parts, signal, case.duration, case.every))
+        text = in_full(
+            (__version__, scene.model, chosen, scene.constants.push, parts, signal, case.duration, case.every)
+        )
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 

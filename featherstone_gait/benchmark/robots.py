@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from ..base.brief import in_full
 from ..model import Model
 from ..robot_file import RobotFileError, RobotFileWarning, load_robot
 
@@ -42,7 +43,7 @@ def published(places: Sequence[Path], refused: list[str]) -> Iterator[tuple[str,
             except (RobotFileError, ImportError, OSError) as error:
                 refused.append(f"{name}: does not load: {str(error).splitlines()[0][:90]}")
                 continue
-            motion = repr((model.links, model.joints, model.base))
+            motion = in_full((model.links, model.joints, model.base))
             if model.joint_names and motion not in known:
                 known.add(motion)
                 yield name, model

@@ -15,6 +15,7 @@ from tqdm import tqdm
 from .. import __version__
 from ..base import deprecated
 from ..base.arguments import instance, one_of, texts, whole
+from ..base.brief import in_full
 from ..base.files import FilePath, Format, complete, read_json, write_csv
 from ..base.processes import process_pool
 from ..model import Ground, Model
@@ -100,7 +101,7 @@ def crosscheck(
     strides = whole("strides", strides, 1, "give the strides to measure", 10**6)
     processes = whole("processes", processes, 1, "give the number of processes", 1024)
     parts = (model.links, model.joints, model.base, dict(model.held), dict(model.servos), model.contacts, model.supply)
-    digest = hashlib.sha256(repr(parts).encode()).hexdigest()
+    digest = hashlib.sha256(in_full(parts).encode()).hexdigest()
     settings = {
         "motion": motion.digest(), "robot": f"{model.name} {digest[:16]}", "servos": gearbox,
         "servo": None if servo is None else str(servo), "strides": strides, "warm_up": WARM_UP, "timestep": timestep,

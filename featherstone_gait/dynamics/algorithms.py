@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import HUGE, floats, instance, listed, shown, vector
+from ..base.brief import FEW, brief
 from ..base.deprecated import warn
 from ..base.fixed_order import applied, product
 from ..core.compile.elementary import SINCOS_LIMIT
@@ -42,6 +43,9 @@ class Wrench(NamedTuple):
     force: ArrayLike = (0.0, 0.0, 0.0)
     moment: ArrayLike = (0.0, 0.0, 0.0)
 
+    def __repr__(self) -> str:
+        return brief(self)
+
 
 Wrenches = Mapping[str, Wrench]  # by link; until version 0.4 also (6,) or (n, 6) [moment; force]
 
@@ -58,6 +62,10 @@ class Energy(np.ndarray):
     total : numpy.ndarray
         Sum of both, () or (n,) [J].
     """
+
+    def __repr__(self) -> str:
+        with np.printoptions(threshold=FEW, edgeitems=2):
+            return super().__repr__()
 
     @property
     def kinetic(self) -> np.ndarray:
@@ -215,6 +223,9 @@ class Coupling(NamedTuple):
 
     matrix: np.ndarray
     offset: np.ndarray
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def coupling_matrix(model: Model) -> Coupling:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from ..base import deprecated
 from ..base.arguments import finite, floats, instance, listed, real, shown, texts, vector, whole
+from ..base.brief import brief
 from ..base.fixed_order import applied, product, solve, total
 from ..base.rotation import cross, dot, rotation_from_rpy
 from ..core.compile.elementary import NEAR
@@ -69,6 +70,9 @@ class Target(NamedTuple):
     weight: ArrayLike = 1.0
     orientation_weight: ArrayLike = 1.0
 
+    def __repr__(self) -> str:
+        return brief(self)
+
     @property
     def turn_weight(self) -> ArrayLike:
         """Return `orientation_weight` by its old name."""
@@ -98,6 +102,9 @@ class IKResult(NamedTuple):
     status: Status
     error: float
     iterations: int
+
+    def __repr__(self) -> str:
+        return brief(self)
 
     @property
     def ok(self) -> bool:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base.brief import brief
 from ..base.fixed_order import applied
 from ..base.rotation import rotation_from_rpy
 from ..core.compile.elementary import SINCOS_LIMIT
@@ -44,6 +45,9 @@ class Clearance(NamedTuple):
 
     distance: np.ndarray
     shapes: np.ndarray
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 class Meeting(NamedTuple):

@@ -39,6 +39,7 @@ from tqdm import tqdm
 
 from ..base.arguments import instance, one_of, real
 from ..base.arguments import path as path_of
+from ..base.brief import brief, in_full
 from ..base.files import FilePath, Format
 from ..model import Controller, Gearbox, Joint, Link, Model, Servo
 from ..run.reference import Reference
@@ -126,6 +127,8 @@ class Bench:
     armature: float  # [kg m^2]
     coulomb_friction: float  # [N m]
     viscous_friction: float  # [N m s/rad]
+
+    __repr__ = brief
 
     def parameters(self) -> dict[str, Parameter]:
         """Return all parameters that can be fitted, by name."""
@@ -218,6 +221,8 @@ class BenchRecording:
     mass: float
     length: float
 
+    __repr__ = brief
+
     @property
     def reference(self) -> np.ndarray:
         """Goal while the servo holds, NaN after its release (k,) [rad]."""
@@ -309,6 +314,8 @@ class ServoFit(Fit):
     held: dict[str, float]
     simulations: int
     seconds: float
+
+    __repr__ = brief
 
     @property
     def servo(self) -> Servo:
@@ -427,7 +434,7 @@ def _key(bench: Bench, recordings: Sequence[BenchRecording], names: Sequence[str
     """Return a hash of all that a fit depends on: bench, recordings, fitted parameters and given values."""
     content = (bench, names, sorted(held.items()), [replace(r, time=0, angle=0, goal=0) for r in recordings])  # type: ignore[arg-type]
     data = [column.tobytes() for r in recordings for column in (r.time, r.angle, r.goal)]
-    return sha256(b"".join([repr(content).encode(), *data])).hexdigest()[:16]
+    return sha256(b"".join([in_full(content).encode(), *data])).hexdigest()[:16]
 
 
 def leave_out(

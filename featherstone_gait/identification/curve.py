@@ -24,6 +24,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from ..base.arguments import instance, real, whole
+from ..base.brief import brief
 from ..core.effects.gear_friction import BLEND, MOST
 from ..model import TORQUE_LAWS, Servo
 from ..view.style import COLORS, look
@@ -64,6 +65,8 @@ class TorqueSpeed:
     current: np.ndarray
     efficiency: np.ndarray
     peak_efficiency: float
+
+    __repr__ = brief
 
     @property
     def stall_torque(self) -> float:

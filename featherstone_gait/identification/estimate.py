@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.linalg import block_diag
 
+from ..base.brief import brief
 from ..view.style import BLUE, ORANGE, look
 
 if TYPE_CHECKING:
@@ -149,6 +150,8 @@ class Fit:
     recordings: tuple[Any, ...]
     angles: tuple[np.ndarray, ...]
     message: str
+
+    __repr__ = brief
 
     @property
     def residuals(self) -> tuple[np.ndarray, ...]:

@@ -32,6 +32,7 @@ from tqdm import tqdm
 
 from ..base import deprecated
 from ..base.arguments import finite, is_real, listed, real, shown, truth
+from ..base.brief import brief
 from ..dynamics import check_model
 from ..model import SERVO_UNITS, Model
 from ..run.reference import Reference
@@ -78,6 +79,8 @@ class Identification(Fit):
     independent_samples: float
     converged: bool
     evaluations: int
+
+    __repr__ = brief
 
     @property
     def undetermined(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..base.arguments import finite, instance, is_real, listed, shown
 from ..base.arguments import path as path_of
+from ..base.brief import brief
 from ..base.files import FilePath, Format, number, read_csv, write_csv
 from ..model import SERVO_UNITS
 
@@ -48,6 +49,8 @@ class Recording:
     angle: np.ndarray
     voltage: np.ndarray | None = None
     settings: Mapping[str, float] = field(default_factory=dict)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         instance("recording: name", self.name, str, "give a text")

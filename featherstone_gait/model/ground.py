@@ -9,6 +9,7 @@ import numpy as np
 
 from ..base import deprecated
 from ..base.arguments import floats, instance, is_real, listed, whole
+from ..base.brief import brief
 from .checks import (
     LARGEST,
     angle_flaws,
@@ -55,6 +56,8 @@ class ContactPoint:
     axis: Vector = (0.0, 0.0, 1.0)
     load_bearing: bool = True
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         what = f"contact point on link {self.link!r}"
         check(name_flaws("link", self.link))
@@ -83,6 +86,8 @@ class HeightField:
     heights: np.ndarray
     spacing: tuple[float, float]
     origin: tuple[float, float] = (0.0, 0.0)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         heights = np.array(floats("height field: heights", self.heights, "give an array (nx, ny) [m]"))
@@ -142,6 +147,8 @@ class Ground:
     steps: tuple[tuple[float, float], ...] = ()
     heading: float = quantity("finite", "rad", 0.0, "0 is along x")
     field: HeightField | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         check(quantity_flaws("ground", self))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, get_args
 
 from ..base.arguments import is_real, shown
+from ..base.brief import brief
 from .checks import (
     allowed,
     angle_flaws,
@@ -55,6 +56,8 @@ class Link:
     center_of_mass: Vector
     inertia: tuple[float, ...]
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         refuse(f"link {self.name!r}", self._flaws(f"link {self.name!r}"))
         freeze(self, "center_of_mass", "inertia")
@@ -86,6 +89,8 @@ class Mimic:
     joint: str
     multiplier: float = quantity("finite", "-", 1.0)
     offset: float = quantity("finite", "rad or m", 0.0)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         check(name_flaws("joint", self.joint), quantity_flaws(f"mimic of joint {self.joint!r}", self))
@@ -141,6 +146,8 @@ class Joint:
     friction: float = quantity(">= 0", "SI", 0.0, "correct the value")
     armature: float = quantity(">= 0", "SI", 0.0, "correct the value")
     mimic: Mimic | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         refuse(f"joint {self.name!r}", self._flaws(f"joint {self.name!r}"))
@@ -202,6 +209,8 @@ class Spring:
     stiffness: float = quantity(">= 0", "N/m", 0.0, "0 is a damper alone")
     damping: float = quantity(">= 0", "N s/m", 0.0, "0 is a spring alone")
     length: float = quantity(">= 0", "m", 0.0, "it is the distance at which the spring is slack")
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         what = f"spring from link {self.a!r} to {self.b!r}"

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..base.brief import brief
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_quaternion
 from .composite import Bodies, composites, frames, mass_matrix
@@ -30,6 +31,9 @@ class Poses(NamedTuple):
 
     rotation: np.ndarray
     position: np.ndarray
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def link_poses(model: Model, q: np.ndarray) -> Poses:

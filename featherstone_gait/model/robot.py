@@ -19,6 +19,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from ..base.arguments import instance, listed, shown, texts
+from ..base.brief import clipped
 from ..base.deprecated import method
 from ..base.flaws import FlawError, quoted
 from .checks import check, choice_flaws, name_flaws, vector_flaws
@@ -87,6 +88,14 @@ class Model:
     source: str = ""
     supply: Supply | None = None
     package_dirs: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        counts = {
+            "moving joints": self.joint_names, "locked": self.locked, "servos": self.servos,
+            "contact points": self.contacts, "shapes": self.shapes, "keyframes": self.keyframes,
+        }  # fmt: skip
+        found = ", ".join(f"{len(parts)} {what}" for what, parts in counts.items() if parts)
+        return f"<robot {clipped(self.name)}: {self.base} base, {self.mass:.4g} kg, {found}>"
 
     def __post_init__(self) -> None:
         what = f"robot {self.name!r}"

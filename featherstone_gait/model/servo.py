@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
 from ..base.arguments import instance
+from ..base.brief import brief
 from .checks import allowed, check, choice_flaws, number_flaws, quantity, quantity_flaws
 
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
@@ -69,6 +70,8 @@ class Gearbox:
     stribeck_motor_load: float = quantity(">= 0", "-", 0.0)
     quadratic_external_load: float = quantity(">= 0", "1/(N m)", 0.0)
     quadratic_motor_load: float = quantity(">= 0", "1/(N m)", 0.0)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         remedy = "to turn the motor round, reverse the joint's axis"
@@ -152,6 +155,8 @@ class Controller:
     profile_speed: float = quantity("> 0 or inf", "rad/s", math.inf)
     delay: float = quantity(">= 0", "s", 0.0)
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         check(choice_flaws("controller", "law", self.law, get_args(Law)), quantity_flaws("controller", self))
         if self.law in TORQUE_LAWS:
@@ -218,6 +223,8 @@ class Servo:
     encoder_resolution: float = quantity(">= 0", "rad", 0.0)
     speed_filter: float = quantity(">= 0", "s", 0.0)
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         instance("servo: controller", self.controller, Controller, "give Controller(law)")
         instance("servo: gearbox", self.gearbox, Gearbox, "give Gearbox(ratio)")
@@ -250,6 +257,8 @@ class Supply:
 
     voltage: float = field(metadata=allowed("> 0", "V"))
     resistance: float = quantity(">= 0", "Ohm", 0.0)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         check(quantity_flaws("supply", self))

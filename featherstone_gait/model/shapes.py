@@ -12,6 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..base.arguments import floats, instance, is_real, shown, vector
+from ..base.brief import brief
 
 Vector = tuple[float, float, float]
 
@@ -36,6 +37,8 @@ class Sphere(_Round):
 
     radius: float
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True)
 class Capsule(_Round):
@@ -51,6 +54,8 @@ class Capsule(_Round):
 
     radius: float
     length: float
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,8 @@ class Cylinder(_Round):
     radius: float
     length: float
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True)
 class Box:
@@ -80,6 +87,8 @@ class Box:
     """
 
     size: Vector
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         _freeze(self, "box", "size")
@@ -102,6 +111,8 @@ class Mesh:
     file: str
     scale: Vector = (1.0, 1.0, 1.0)
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         instance("mesh: file", self.file, str, "give its path")
         _freeze(self, "mesh", "scale")
@@ -118,6 +129,8 @@ class Hull:
     """
 
     points: tuple[Vector, ...]
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         points = floats("hull: points", self.points)
@@ -153,6 +166,8 @@ class Shape:
     xyz: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
     name: str = ""
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         instance("shape: link", self.link, str, "give the name of its link")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from ..base.brief import brief
 from ..scene.gearbox_kinds import GEARBOX_KINDS
 
 if TYPE_CHECKING:
@@ -118,3 +119,5 @@ class OptimizeOptions:
     )
     out: FilePath = "."
     progress: bool = True
+
+    __repr__ = brief

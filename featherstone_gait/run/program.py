@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, functions, instance, one_of, real, whole
+from ..base.brief import brief
 from ..core.compile.jit import JIT, CompilationError, carray, outside
 from ..core.step import program as core
 from ..core.step.state import IN_STATE
@@ -62,6 +63,8 @@ class CompiledController:
     writes: Writes
     begins: np.ndarray | None = None
     _made: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    __repr__ = brief
 
     @property
     def name(self) -> str:

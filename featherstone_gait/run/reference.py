@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import floats, instance, one_of
+from ..base.brief import brief
 from ..core.step.signals import Knots
 
 LATEST = 1e12  # knot [s]
@@ -48,6 +49,8 @@ class Reference:
     values: np.ndarray
     kind: ReferenceKind = "linear"
     cyclic: bool = False
+
+    __repr__ = brief
 
     if TYPE_CHECKING:
 

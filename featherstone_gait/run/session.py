@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, floats, instance, listed, one_of, real, shown, truth, whole
+from ..base.brief import clipped
 from ..base.deprecated import attribute, keywords
 from ..base.files import FilePath, Format, complete, read_arrays
 from ..core.effects.push import EVENT_MARGIN
@@ -565,7 +566,8 @@ class Session:
         self._log.runs = self._runs
 
     def __repr__(self) -> str:
-        return f"<session: {self.n} of {self.scene.model.name}, {self.action}, ticks of {self.tick:g} s>"
+        robots = f"{self.n} of {clipped(self.scene.model.name)}"
+        return f"<session: {robots}, {self.action}, ticks of {self.tick:g} s>"
 
     # ------------------------------------------------------------------------------------------------ states
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..base import deprecated
+from ..base.brief import some
 from ..base.files import FilePath, Format, complete_together, is_number, read_arrays, read_json
 from ..model import Model
 from ..scene.channels import OLD, ByChannel, StateView, column_of
@@ -82,7 +83,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         return len(self.channels)
 
     def __repr__(self) -> str:
-        named = ", ".join(f"{name} {values.shape[1:]}" for name, values in self.items() if name != "time")
+        named = some(f"{name} {values.shape[1:]}" for name, values in self.items() if name != "time")
         samples = max((len(values) for values in self.values()), default=0)
         return f"<trajectory: {self.status} to {self.end_time:g} s, {samples} samples of {named or 'nothing'}>"
 

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from ..base import deprecated
 from ..base.arguments import floats, instance, one_of, real, shown, truth, whole
+from ..base.brief import brief
 from ..base.portable_math import exp
 from ..model import LARGEST, Controller, Gearbox, Ground, Servo, Supply
 from ..scene.compile import CompiledScene
@@ -79,6 +80,8 @@ class Distribution:
     scale: float
     additive: bool = False
     shared: bool = False
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         one_of("distribution: kind", self.kind, get_args(Kind))
@@ -165,6 +168,8 @@ class Worlds:
     gravity: ArrayLike | None = None
     seed: int = 0
     supply: Mapping[str, Values] = field(default_factory=dict)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         whole("worlds: seed", self.seed, 0, "it is the seed of the draws")

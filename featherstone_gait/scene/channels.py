@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..base import deprecated
+from ..base.brief import some
 from ..core.step.state import BY_NAME, RECORDABLE
 
 OLD = {  # names until version 0.2
@@ -115,4 +116,4 @@ class StateView(Mapping[str, np.ndarray]):
         return [*super().__dir__(), *self._names]
 
     def __repr__(self) -> str:
-        return f"<state: {', '.join(f'{name} {values.shape}' for name, values in self.items())}>"
+        return f"<state: {some(f'{name} {values.shape}' for name, values in self.items())}>"

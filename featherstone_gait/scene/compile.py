@@ -12,6 +12,7 @@ import numpy as np
 
 from ..base import deprecated
 from ..base.arguments import shown
+from ..base.brief import clipped
 from ..base.portable_math import sincos
 from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
@@ -81,11 +82,11 @@ class CompiledScene:
     compiled: Scene  # the constants as compiled, to tell which were put in by hand
 
     def __repr__(self) -> str:
-        joints = f"{self.model.base} base, {self.tree.n} joints"
+        name, joints = clipped(self.model.name), f"{self.model.base} base, {self.tree.n} joints"
         driven = f"{self.gearbox} servos" if self.gearbox else "no servos"
         under = "no ground" if self.ground is None else f"ground of friction {self.ground.friction:g}"
         step = self.integrator if self.adaptive else f"{self.integrator} at {self.timestep:g} s"
-        return f"<scene of {self.model.name}: {joints}, {driven}, {under}, {len(self.springs)} springs, {step}>"
+        return f"<scene of {name}: {joints}, {driven}, {under}, {len(self.springs)} springs, {step}>"
 
     servos = deprecated.attribute("servos", "gearbox")
 

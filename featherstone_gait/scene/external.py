@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.arguments import instance, is_real, listed, shown, vector
+from ..base.brief import brief
 from ..base.fixed_order import applied
 from ..core.effects.push import PUSH
 from ..core.effects.spring import SPRING
@@ -38,6 +39,9 @@ class Push(NamedTuple):
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     start: float = 0.0
     end: float = math.inf
+
+    def __repr__(self) -> str:
+        return brief(self)
 
 
 def build_pushes(tree: Tree, pushes: Sequence[Push]) -> np.recarray | None:

@@ -37,6 +37,7 @@ import numpy as np
 from .. import __version__
 from ..base import deprecated
 from ..base.arguments import HUGE, one_of, real, whole
+from ..base.brief import brief, in_full
 from ..base.files import FilePath, is_number
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
@@ -103,6 +104,8 @@ class Setup:
     draws: tuple[Draw, ...] = field(compare=False)  # beside them
     walks: dict[str, Walk] = field(compare=False)  # by `gait.file`
 
+    __repr__ = brief
+
 
 class Axis(NamedTuple):
     """The values of a parameter: `values`, or, if there are none, any between `low` and `high`."""
@@ -144,6 +147,8 @@ class Study:
     axes: tuple[Axis, ...]
     shares: np.ndarray | None
     settings: dict[str, Any]
+
+    __repr__ = brief
 
     def __len__(self) -> int:
         """Count the runs."""
@@ -222,7 +227,7 @@ def _study(path: Path, table: dict) -> Study:
             raise ValueError(f"gait.file {name!r} has feedback, which computes its own references: remove {OFFSET}")
     shares = _shares(sampling, [1] * len(axes) + [draw.numbers for draw in draws])
     settings = {
-        "robot": _digest(repr(replace(model, notes=(), source=""))),
+        "robot": _digest(in_full(replace(model, notes=(), source=""))),
         "experiment": experiment,
         "duration": real("duration", table.get("duration", 10.0), LEAST_DURATION, HUGE, "give seconds"),
         "strides": whole("strides", table.get("strides", 8), 1, "give how many are measured"),

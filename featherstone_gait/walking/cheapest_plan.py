@@ -28,6 +28,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 
 from ..base.arguments import instance, listed, one_of, shown, whole
+from ..base.brief import brief
 from ..dynamics.jacobians import point_at
 from ..identification.curve import torque_speed
 from ..model import Model, Servo
@@ -130,6 +131,8 @@ class CheapestPlan:
     cost: WalkingCost
     value: float
     trials: tuple[Trial, ...]
+
+    __repr__ = brief
 
     @property
     def gait(self) -> Gait:

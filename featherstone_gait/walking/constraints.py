@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import instance, is_real, shown
+from ..base.brief import brief
 from ..dynamics import contact_positions_at, forward_kinematics
 from ..geometry.distance import clearance
 from ..model import Model
@@ -69,6 +70,8 @@ class Constraints:
     slip_weight: float = 1e6
     zmp_weight: float = 1e4
     clearance_weight: float = 1e6
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -125,6 +128,8 @@ class ConstraintReport:
     penalties: dict[str, float]
     violations: dict[str, float]
 
+    __repr__ = brief
+
     @property
     def cost(self) -> float:
         """Energy per distance [J/m]."""
@@ -150,6 +155,8 @@ class ConstrainedCost(BatchCost):
 
     walking: WalkingCost
     constraints: Constraints
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         instance("walking", self.walking, WalkingCost, "give WalkingCost(scene, gait, start)")

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from ..base import deprecated
 from ..base.arguments import instance, is_real, whole
+from ..base.brief import brief
 from ..base.files import FilePath
 from ..core.effects.energies import METER
 from ..dynamics import contact_positions
@@ -141,6 +142,8 @@ class WalkingCost(BatchCost):
     warm_up: int = 2
     strides: int = 8
     blend_strides: int = 1
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         instance("scene", self.scene, CompiledScene, "give what compile_scene returns")

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import floats, instance, listed, real, whole
+from ..base.brief import brief
 from ..run.reference import Reference
 from ..run.simulate import simulate_stream, standing_state
 from ..run.status import Status
@@ -74,6 +75,8 @@ class CostInWorlds(BatchCost):
     offsets: np.ndarray
     penalty: float = PENALTY
     strict: bool = False
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         instance("cost", self.cost, WalkingCost, "give a WalkingCost")

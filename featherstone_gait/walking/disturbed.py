@@ -15,6 +15,7 @@ from types import NoneType
 import numpy as np
 
 from ..base.arguments import instance, real, truth, whole
+from ..base.brief import brief
 from ..core.effects.energies import METER
 from ..model import Ground, HeightField
 from ..run.simulate import Push, simulate, standing_state
@@ -156,6 +157,8 @@ class LongWalk:
     energy: float
     heading: float
     path: np.ndarray
+
+    __repr__ = brief
 
     @property
     def walked(self) -> bool:

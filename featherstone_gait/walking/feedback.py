@@ -42,6 +42,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, instance, real, whole
 from ..base.arguments import path as path_of
+from ..base.brief import brief
 from ..base.files import FilePath, complete, read_arrays
 from ..dynamics import check_model
 from ..dynamics.jacobians import chains_of
@@ -186,6 +187,8 @@ class BalancedWalk:
     feedback: Feedback
     imu: Imu
     undisturbed: np.ndarray
+
+    __repr__ = brief
 
     def controller(self, scene: CompiledScene, seed: int = 0) -> CompiledController:
         """Return the controller for `simulate` and this scene; seed: of the sensors' noise and offsets."""

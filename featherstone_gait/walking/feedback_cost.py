@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite
+from ..base.brief import brief
 from .cost import BatchCost, walk_runs
 from .cost_in_worlds import NOT_EVERYWHERE, CostInWorlds, with_chatter
 from .disturbed import AFTER, BEFORE, DIRECTIONS, PHASES, push_of_trunk
@@ -66,6 +67,8 @@ class FeedbackCost(BatchCost):
     imu: Imu = SENSORS
     poses: bool = True
     weight: float = WEIGHT
+
+    __repr__ = brief
 
     def vector(self, feedback: Feedback) -> np.ndarray:
         """Return the vector of the gait of `cost` with these gains."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, floats, instance, is_real, real, shown, texts, truth, whole
+from ..base.brief import brief
 from ..base.fixed_order import product, solve, total
 from ..dynamics import check_model
 from ..model import Model
@@ -41,6 +42,8 @@ class Mirror:
     index: np.ndarray
     sign: np.ndarray
 
+    __repr__ = brief
+
     def __call__(self, angles: np.ndarray) -> np.ndarray:
         """Mirror postures (..., nj) [rad]."""
         return self.sign * angles[..., self.index]
@@ -66,6 +69,8 @@ class Gait:
     poses: np.ndarray
     period: float
     mirror: Mirror | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         names = texts("gait: joint_names", self.joint_names)
@@ -124,6 +129,8 @@ class GaitFit:
     phase: float
     rms: np.ndarray
     largest: np.ndarray
+
+    __repr__ = brief
 
 
 def mirror_of(model: Model) -> Mirror:

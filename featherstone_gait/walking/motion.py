@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import floats, texts, truth, whole
 from ..base.arguments import path as path_of
+from ..base.brief import brief
 from ..base.files import FilePath, read_arrays
 from ..model import Ground, Model
 from ..run.reference import Reference
@@ -47,6 +48,8 @@ class Motion:
     stride: np.ndarray
     poses: np.ndarray
     tick: float = TICK
+
+    __repr__ = brief
 
     @property
     def period(self) -> float:

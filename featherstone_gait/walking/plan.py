@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, is_real, one_of, real, shown, texts, whole
+from ..base.brief import brief
 from ..base.deprecated import renamed
 from ..base.fixed_order import applied, total
 from ..base.portable_math import sincos
@@ -99,6 +100,8 @@ class WalkSettings:
     g: float = -GRAVITY[2]
     preview: Preview = "cart_table"
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         for one in fields(self):  # numbers of less precision would make times that miss the samples
             value, low = getattr(self, one.name), -HUGE if one.name == "step_length" else TINY
@@ -161,6 +164,8 @@ class Stride:
     period: float
     mismatch: float
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -203,6 +208,8 @@ class Plan:
     support: tuple[np.ndarray, ...]
     zmp_reference: np.ndarray
     zmp: np.ndarray
+
+    __repr__ = brief
 
     @property
     def standing(self) -> np.ndarray:
@@ -323,6 +330,8 @@ class Sole:
     link: str
     middle: np.ndarray  # (3,) in the link's axes [m]
     corners: np.ndarray  # (k, 2) from the middle, world axes [m]
+
+    __repr__ = brief
 
 
 def soles_of(model: Model, feet: Sequence[str] | None = None) -> tuple[Sole, ...]:

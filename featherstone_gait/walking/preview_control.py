@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import floats, is_real, shown, whole
+from ..base.brief import brief
 from ..base.fixed_order import applied, product, total
 from ..scene.tree import GRAVITY
 
@@ -62,6 +63,8 @@ class PreviewController:
     state_gain: np.ndarray
     preview_gain: np.ndarray
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class ComPlan:
@@ -79,6 +82,8 @@ class ComPlan:
     velocity: np.ndarray
     acceleration: np.ndarray
     zmp: np.ndarray
+
+    __repr__ = brief
 
 
 def preview_controller(
