@@ -57,8 +57,9 @@ def with_contacts(model: Model, choice: Choice) -> Model:
     instance("model", model, Model, "give what load_robot returns")
     if not model.shapes:
         raise ValueError(
-            f"{model.name}: contacts={choice!r}, but no link has a collision shape: add <collision> elements to its "
-            "links, or type contact points into its TOML"
+            f"{model.name}: contacts={choice!r}, but no link has a collision shape: add some to its links (in URDF "
+            "<collision>, in MJCF geoms that touch the floor by contype and conaffinity or by a <pair>), or type "
+            "contact points into its TOML"
         )
     if isinstance(choice, str):
         if choice not in ("all", "feet"):
@@ -75,7 +76,7 @@ def with_contacts(model: Model, choice: Choice) -> Model:
         if name not in shaped:
             raise ValueError(
                 f"{model.name}: contacts: link {name!r} has no collision shape; use some of {', '.join(shaped)}, or "
-                "add a <collision> to it"
+                "add one to it"
             )
     points = contact_points(shape for shape in model.shapes if shape.link in choice)
     return replace(model, contacts=_carrying(model, points))
@@ -173,7 +174,10 @@ def _placed(
 ) -> list[ContactPoint]:
     """Make contact points at points (n, 3) of a shape's frame."""
     at = np.array(shape.xyz) + applied(rotation_from_rpy(shape.rpy), points)
-    return [ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis) for x, y, z in at.tolist()]
+    return [
+        ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis, friction=shape.friction)
+        for x, y, z in at.tolist()
+    ]
 
 
 def _carrying(model: Model, points: Sequence[ContactPoint]) -> tuple[ContactPoint, ...]:
@@ -251,7 +255,7 @@ def _check_nothing_below(model: Model, poses: Poses, lowest: float, reach: float
         depth = lowest - poses.position[k, 2]
         raise ValueError(
             f"{model.name}: contacts='feet', but link {model.links[k].name!r} lies {depth:.3g} m below the lowest "
-            "collision shape at rest and has none: add <collision> to its feet, or type contact points"
+            "collision shape at rest and has none: add one to its feet, or type contact points"
         )
 
 

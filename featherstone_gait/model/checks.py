@@ -18,6 +18,7 @@ from ..base.arguments import floats, is_real, shown
 from ..base.flaws import Flaw, FlawError, quoted
 from ..core.compile.elementary import NEAR
 
+FRICTION = "0 is ice, 1 is rubber"
 LARGEST = 1e50  # number of a robot [SI]: products of several stay within floats, and so do their inverses
 
 _RULES: dict[str, Callable[[float], bool]] = {
@@ -75,6 +76,12 @@ def number_flaws(what: str, name: str, value: Any, rule: str, unit: str, remedy:
         nonzero = is_real(value) and 0 < abs(value) < math.inf
         size = f", of a size from {1 / LARGEST:g} to {LARGEST:g}" if nonzero else ""
         yield f"{what}: {name} is {shown(value)} [{unit}]; expected {rule}{size}: {remedy}"
+
+
+def friction_flaws(what: str, friction: float | None) -> Iterator[str]:
+    """Check a coefficient of friction with the ground; None is the ground's own."""
+    if friction is not None:
+        yield from number_flaws(what, "friction", friction, ">= 0", "-", FRICTION)
 
 
 def name_flaws(kind: str, name: str) -> Iterator[str]:

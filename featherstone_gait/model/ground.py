@@ -11,10 +11,12 @@ from ..base import deprecated
 from ..base.arguments import floats, instance, is_real, listed, whole
 from ..base.brief import brief
 from .checks import (
+    FRICTION,
     LARGEST,
     angle_flaws,
     check,
     freeze,
+    friction_flaws,
     name_flaws,
     number_flaws,
     quantity,
@@ -47,6 +49,8 @@ class ContactPoint:
         Axis of the circle, out of the cylinder, of unit length, in the link's frame.
     load_bearing : bool
         Whether the point carries weight at rest; the stiffness of the ground follows from the weight on those that do.
+    friction : float or None
+        Coefficient of friction with the ground [-]; None: that of the `Ground`.
     """
 
     link: str
@@ -55,6 +59,7 @@ class ContactPoint:
     circle_radius: float = quantity(">= 0", "m", 0.0, "it is the radius of a circle about the axis")
     axis: Vector = (0.0, 0.0, 1.0)
     load_bearing: bool = True
+    friction: float | None = None
 
     __repr__ = brief
 
@@ -64,7 +69,7 @@ class ContactPoint:
         check(vector_flaws(what, "position", self.position, 3), vector_flaws(what, "axis", self.axis, 3))
         instance(f"{what}: load_bearing", self.load_bearing, (bool, np.bool_), "give True or False")
         freeze(self, "position", "axis")
-        check(quantity_flaws(what, self))
+        check(quantity_flaws(what, self), friction_flaws(what, self.friction))
         if self.circle_radius > 0 and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
             raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")
 
@@ -139,7 +144,7 @@ class Ground:
         For numbers out of range, and for a height field together with slope, steps or heading.
     """
 
-    friction: float = quantity(">= 0", "-", 0.95, "0 is ice, 1 is rubber")
+    friction: float = quantity(">= 0", "-", 0.95, FRICTION)
     penetration: float = quantity("> 0", "m", 5e-4, "0.0005 suits a small robot")
     damping_ratio: float = quantity(">= 0", "-", 0.7, "0.7 hardly bounces")
     height: float = quantity("finite", "m", 0.0, "0 is the world's origin")

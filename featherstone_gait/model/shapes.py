@@ -13,6 +13,7 @@ import numpy as np
 
 from ..base.arguments import floats, instance, is_real, shown, vector
 from ..base.brief import brief
+from .checks import check, friction_flaws
 
 Vector = tuple[float, float, float]
 
@@ -159,6 +160,8 @@ class Shape:
         Orientation in the link's frame: roll, pitch and yaw about fixed axes [rad].
     name : str
         Name; may be empty.
+    friction : float or None
+        Coefficient of friction with the ground [-]; None: that of the `Ground`.
     """
 
     link: str
@@ -166,6 +169,7 @@ class Shape:
     xyz: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
     name: str = ""
+    friction: float | None = None
 
     __repr__ = brief
 
@@ -175,6 +179,7 @@ class Shape:
         kinds = (Sphere, Capsule, Cylinder, Box, Mesh, Hull)
         instance(f"{what}: geometry", self.geometry, kinds, "give a Sphere, Capsule, Cylinder, Box, Mesh or Hull")
         instance(f"{what}: name", self.name, str, "give a text")
+        check(friction_flaws(what, self.friction))
         _freeze(self, what, "xyz", "rpy")
 
 

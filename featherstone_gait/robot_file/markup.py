@@ -65,7 +65,7 @@ def read_markup(path: Path) -> Markup:
         except ParseError as error:
             data, doubt = _mended(data, error.code)
             if not doubt or doubt in doubts:
-                text = f"is not well-formed XML: {error}; correct the syntax there, and give a URDF file"
+                text = f"is not well-formed XML: {error}; correct the syntax there"
                 raise ValueError(text) from error
             doubts[doubt] = None
         except (ValueError, LookupError) as error:

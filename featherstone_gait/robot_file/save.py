@@ -91,6 +91,8 @@ def _shape_lines(shape: Shape) -> list[str]:
         case other:  # whose fields are named as in URDF
             geometry = element(type(other).__name__.lower(), asdict(other))
     origin = element("origin", {"xyz": shape.xyz, "rpy": shape.rpy})
+    if shape.friction is not None:
+        origin += [comment(f"its friction with the ground is {shape.friction!r}, which URDF cannot state")]
     return element("collision", {"name": shape.name or None}, [*origin, *element("geometry", {}, geometry)])
 
 
@@ -145,4 +147,4 @@ def _posture(model: Model, q: tuple[float, ...]) -> dict[str, Any]:
 
 
 def _assignments(table: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {written(value)}" for key, value in table.items()]
+    return [f"{key} = {written(value)}" for key, value in table.items() if value is not None]

@@ -85,6 +85,7 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "str": string,
     "bool": truth,
     "float": number,
+    "float | None": number,
     "Vector": vector,
 }
 

@@ -20,6 +20,7 @@ from .collision import MeshFinder, shape_of
 from .grammar import label
 from .markup import Markup, read_markup
 from .mjcf.read import compiled
+from .mjcf.sizes import documents_of
 from .mjcf.tree import ELLIPSOID, MESH, geometry_of, names_of
 from .report import Report
 
@@ -77,7 +78,7 @@ def read_visuals(model: Model) -> Visuals:
 
 def _of_mjcf(path: Path, model: Model) -> Visuals:
     """Read the geoms in the visible groups, except planes and height fields."""
-    m, _ = compiled(path)
+    m, _ = compiled(path, documents_of(path))
     bodies, links = names_of(m, "body", m.nbody), {link.name for link in model.links}
     seen: dict[str, list[Visual]] = {}
     for g in np.flatnonzero(m.geom_group < SHOWN):

@@ -56,7 +56,8 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
     table, places = records(len(contacts), POINT), [tree.placements[point.link] for point in contacts]
     E, r = np.array([place.E for place in places]), np.array([place.r for place in places])
     table.position = r + applied(E, np.array([_center(point) for point in contacts]))
-    table.body, table.friction = [place.row for place in places], ground.friction
+    table.body = [place.row for place in places]
+    table.friction = [ground.friction if point.friction is None else point.friction for point in contacts]
     table.stiffness, table.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.penetration)
     table.tangential_stiffness = k
     table.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)

@@ -647,6 +647,29 @@ def test_files_that_include_each_other_are_refused_soon(tmp_path):
         load_robot(tmp_path / "a.xml")
 
 
+@pytest.mark.parametrize(
+    "bad",
+    [
+        '<body name="x">\n<geom size="-3"/></body>',
+        '<body name="x">\n<geom sizze="3"/></body>',
+        '<body name="x">\n<geom size="3"></body>',
+    ],
+)
+def test_an_error_in_an_included_file_is_blamed_on_it(tmp_path, bad):
+    (tmp_path / "arm.xml").write_text(f"<mujoco><worldbody>{bad}</worldbody></mujoco>")
+    (tmp_path / "robot.xml").write_text('<mujoco>\n\n\n<include file="arm.xml"/></mujoco>')
+    with pytest.raises(RobotFileError, match=r"arm\.xml.*line 2") as error:
+        load_robot(tmp_path / "robot.xml")
+    assert "robot.xml" not in str(error.value)
+
+
+@pytest.mark.parametrize("strict", [True, False])
+@pytest.mark.parametrize("inside", ["", "<worldbody/>", '<worldbody><geom size="1"/></worldbody>', "<asset/>"])
+def test_a_file_without_bodies_is_refused(write, inside, strict):
+    with pytest.raises(RobotFileError, match="<body>"):
+        load_robot(write(f"<mujoco>{inside}</mujoco>"), strict=strict)
+
+
 def test_an_attached_model_is_read(tmp_path):
     (tmp_path / "a.xml").write_text(f"<mujoco>{ATTACH.replace('deep/', '') % (ONE % 0)}</mujoco>")
     (tmp_path / "b.xml").write_text(robot(BODY % (MANY % 10)))

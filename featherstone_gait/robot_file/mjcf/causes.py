@@ -19,6 +19,8 @@ NO_SPRINGS, NO_DAMPERS, NO_GRAVITY = 1 << 5, 1 << 6, 1 << 7
 
 def refusals(m: Any, names: Tree) -> Iterator[str]:
     """Yield why a compiled file cannot be a Model, all reasons at once."""
+    if m.nbody == 1:
+        yield "there is no <body>; a robot needs one or more: add them to <worldbody>"
     balls = [names.joint_names[j] for j in range(m.njnt) if m.jnt_type[j] == BALL and names.holds(m, m.jnt_bodyid[j])]
     if balls:
         yield f"ball joints {quoted(balls)} are not supported; replace each by three hinges"
@@ -102,8 +104,6 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
     for count, what in ((m.nsensor, "sensors"), (m.nsite, "sites"), (m.ncam, "cameras"), (m.nlight, "lights")):
         if count:
             yield f"skipped {count} {what}"
-    if m.nexclude or m.npair:
-        yield "skipped <contact>: links touch the ground alone"
     if equalities.couplings(m):
         yield "took the equalities of joints as exact; MuJoCo's give way"
     held = equalities.held_joints(m)

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ...model import Base
-from ..report import Report
+from ..report import Report, blamed_on
 from ..robot import Posture, Robot
 from .actuators import Actuators, read_actuators
 from .causes import doubts, notes, refusals
 from .equalities import couplings, held_joints
-from .sizes import check_sizes
+from .sizes import check_sizes, documents_of
+from .touching import read_touching
 from .tree import Tree, read_shapes, read_tree
 
 NAMELESS = "MuJoCo Model"  # what MuJoCo calls a file without a name
+LINE = re.compile(r"line \d+")  # 0 of what is included
 INSTALL = "MJCF is read through MuJoCo; install it with pip install featherstone-gait[mjcf]"
 
 
@@ -29,18 +33,21 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     What is ignored goes into the report.  Raises ImportError without MuJoCo, ValueError for what MuJoCo cannot read,
     RobotFileError for all that the simulator does not support.
     """
-    m, remarks = compiled(path)
+    documents = documents_of(path)
+    m, remarks = compiled(path, documents)
     tree = read_tree(m, base, couplings(m))
     for problem in refusals(m, tree):
         report.refuse(None, problem)
     actuators = Actuators({}, tree.joints, [], [])
     with report.blaming():
         actuators = read_actuators(m, tree, tree.joints)
-    for sentence in (*doubts(m, tree), *actuators.doubts):
+    pairs = (pair for root in documents.values() for pair in root.iter("pair"))
+    touching = read_touching(m, tree, any("friction" in pair.attrib for pair in pairs))
+    for sentence in (*doubts(m, tree), *actuators.doubts, *touching.doubts):
         report.doubt(sentence)
     report.raise_problems(path)
-    shapes, left = read_shapes(m, tree)
-    for sentence in (*notes(m, tree), *left, *actuators.remarks, *remarks):
+    shapes, left = read_shapes(m, tree, touching.friction)
+    for sentence in (*notes(m, tree), *left, *touching.remarks, *actuators.remarks, *remarks):
         report.remark(sentence)
     joints = actuators.joints
     postures = {m.key(k).name or f"key{k}": _posture(m, tree, m.key_qpos[k]) for k in range(m.nkey)}
@@ -50,22 +57,39 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     return Robot(name, tree.links, joints, shapes, tree.base, held, actuators.servos, postures)
 
 
-def compiled(path: Path) -> tuple[Any, list[str]]:
-    """Compile a file: return MuJoCo's model, and MuJoCo's remarks."""
+def compiled(path: Path, documents: Mapping[Path, Element]) -> tuple[Any, list[str]]:
+    """Compile a file, given with those that it includes: return MuJoCo's model, and MuJoCo's remarks."""
     try:
         import mujoco
     except ImportError as error:
         raise ImportError(INSTALL) from error
-    check_sizes(path)
+    check_sizes(path, documents)
     remarks: list[object] = []
     with warnings.catch_warnings(record=True) as caught, heard(mujoco, remarks):
         warnings.simplefilter("always")
         try:
             m = mujoco.MjSpec.from_file(str(path.absolute())).compile()  # a relative one hides what includes add
         except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
-            raise ValueError(f"MuJoCo cannot read it: {_line(error)}; correct the file there") from error
+            file, text = _guilty(mujoco, _line(error), path, documents)
+            with blamed_on(file):
+                raise ValueError(f"MuJoCo cannot read it: {text}; correct the file there") from error
     said = dict.fromkeys(_line(remark) for remark in [*remarks, *(warning.message for warning in caught)])
     return m, [f"MuJoCo: {remark}" for remark in said]
+
+
+def _guilty(mujoco: Any, text: str, path: Path, documents: Iterable[Path]) -> tuple[Path, str]:
+    """Return the included file that MuJoCo refuses by itself with the same error, and that error, which has the line.
+
+    Where there is none it is the file that includes the others, and its error.
+    """
+    for file in documents:
+        try:
+            if file != path:
+                mujoco.MjSpec.from_file(str(file.absolute())).compile()
+        except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
+            if LINE.sub("", _line(error)) == LINE.sub("", text):
+                return file, _line(error)
+    return path, text
 
 
 @contextmanager

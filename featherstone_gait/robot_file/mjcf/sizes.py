@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from ..markup import read_markup
+from ..report import blamed_on
 
 MAX_FILES = 100  # that include or attach each other
 MAX_COPIES = 10_000  # of what is replicated
@@ -19,9 +20,8 @@ CELL_COUNTS = ("nrow", "ncol", "width", "height")
 ARENA = ("memory", "njmax", "nconmax", "nstack")  # of <size>, for a run's work
 
 
-def check_sizes(path: Path) -> None:
-    """Raise ValueError if a file, or one that it includes or attaches, is no safe XML or asks for too much."""
-    documents = _documents(path)
+def check_sizes(path: Path, documents: Mapping[Path, Element]) -> None:
+    """Raise ValueError if a file, or one that it includes or attaches, asks for too much."""
     for file, root in documents.items():
         where = _where(file, path)
         for element in [element for tag in CELLS for element in root.iter(tag)]:
@@ -36,12 +36,13 @@ def _where(file: Path, first: Path) -> str:
     return "" if file == first else f"{file.name}: "
 
 
-def _documents(path: Path) -> dict[Path, Element]:
-    """Parse the file, and those that it includes or attaches, recursively."""
+def documents_of(path: Path) -> dict[Path, Element]:
+    """Parse the file, and those that it includes or attaches, recursively; raise ValueError for one that cannot be."""
     waiting, documents = [path], {}
     while waiting:
         file = waiting.pop()
-        documents[file] = read_markup(file).root
+        with blamed_on(file):
+            documents[file] = read_markup(file).root
         named = [element for tag in ("include", "model") for element in documents[file].iter(tag)]
         found = dict.fromkeys(other for element in named for other in _files(element, file, path))
         waiting += [other for other in found if other not in documents and other not in waiting]

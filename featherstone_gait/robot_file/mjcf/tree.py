@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -179,32 +179,25 @@ def vector(values: np.ndarray) -> tuple[float, float, float]:
 # ---------------------------------------------------------------------------------------------- shapes
 
 
-def read_shapes(m: Any, tree: Tree) -> tuple[tuple[Shape, ...], list[str]]:
-    """Read shapes of the geoms that would touch a floor, and what is ignored."""
-    names, floor = names_of(m, "geom", m.ngeom), _floor(m)
+def read_shapes(m: Any, tree: Tree, friction: Mapping[int, float | None]) -> tuple[tuple[Shape, ...], list[str]]:
+    """Read shapes of the geoms that touch the ground, with their friction, and what is ignored."""
+    names = names_of(m, "geom", m.ngeom)
     shapes, left, silent = [], Counter[str](), 0
     for g in range(m.ngeom):
         if not tree.holds(m, int(m.geom_bodyid[g])):
             continue
         geometry = geometry_of(m, g)
-        if not (m.geom_contype[g] & floor[1] or m.geom_conaffinity[g] & floor[0]):
+        if g not in friction:
             silent += 1
         elif geometry is None:
             left[GEOMS[m.geom_type[g]]] += 1
         else:
             rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
-            shapes.append(Shape(tree.bodies[m.geom_bodyid[g]], geometry, vector(m.geom_pos[g]), rpy, names[g]))
+            link, at = tree.bodies[m.geom_bodyid[g]], vector(m.geom_pos[g])
+            shapes.append(Shape(link, geometry, at, rpy, names[g], friction[g]))
     notes = [f"skipped {silent} geoms that touch no floor"] if silent else []
     notes += [f"ignored {count} geoms of type {kind}, which is not supported" for kind, count in left.items()]
     return tuple(shapes), notes
-
-
-def _floor(m: Any) -> tuple[int, int]:
-    """Return contype and conaffinity of the world's first plane or height field, else the defaults of a geom."""
-    for g in np.flatnonzero(m.geom_bodyid == 0):
-        if m.geom_type[g] in (PLANE, HFIELD):
-            return int(m.geom_contype[g]), int(m.geom_conaffinity[g])
-    return 1, 1
 
 
 def geometry_of(m: Any, g: int) -> Geometry | None:

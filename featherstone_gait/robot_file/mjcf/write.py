@@ -25,7 +25,7 @@ from ..markup import comment, element
 from ..urdf import TRIANGLE_TOLERANCE
 from .tree import NO_STOP, WORLD, unused
 from .write_actuators import actuator_lines, passive
-from .write_geoms import field_lines, floor_lines, geom_lines, mesh_lines, unread_meshes
+from .write_geoms import field_lines, floor_lines, geom_lines, mesh_lines, pair_lines, unread_meshes
 
 Inertials: TypeAlias = dict[str, list[str]]  # lines by link
 Pose: TypeAlias = tuple[np.ndarray, np.ndarray]  # rotation (3, 3) and origin (3,) [m]
@@ -53,11 +53,12 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
             for name, (leader, b, a) in ((name, astuple(mimic)) for name, mimic in couplings)
             for line in element("joint", {"joint1": name, "joint2": leader, "polycoef": (a, b, 0, 0, 0)})
         ],
+        "contact": pair_lines(model, ground),
         "actuator": actuators,
         "keyframe": _key_lines(model),
     }
     inside = [
-        *(comment(remark) for remark in (*lacking, *steps, *changed, *_remarks(model))),
+        *(comment(remark) for remark in (*lacking, *steps, *changed, *_remarks(model, ground))),
         *element("compiler", {"angle": "radian", "eulerseq": "XYZ", "autolimits": "true"}),
         *(element("option", {"cone": "elliptic"}) if ground else []),
         *(line for tag, lines in sections.items() if lines for line in element(tag, {}, lines)),
@@ -65,8 +66,11 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
     return "\n".join([*element("mujoco", {"model": model.name}, inside), ""])
 
 
-def _remarks(model: Model) -> list[str]:
+def _remarks(model: Model, ground: Ground | None) -> list[str]:
     remarks = []
+    frictions = [point.friction for point in model.contacts] + [shape.friction for shape in model.shapes]
+    if ground is None and any(mu is not None for mu in frictions):
+        remarks.append("left out the friction that contacts have of their own with a floor: there is none")
     if any(joint.velocity < math.inf for joint in model.joints):
         remarks.append("MJCF cannot state the largest velocity of a joint")
     if model.held:

@@ -27,6 +27,7 @@ FIELD_BASE = 1.0  # of a height field, thickness below its lowest point [m]
 POINT_RADIUS = 1e-4  # of a contact point as a sphere, half the thickness of a circle [m]
 READ = (".stl", ".obj", ".msh")  # mesh files
 MOST_TRIANGLES = 200_000  # of an STL
+ROLLING = (0.005, 0.0001)  # friction of spinning and of rolling, MuJoCo's defaults [m]
 FLOOR = "floor"
 MASSLESS = {"mass": "0"}
 TOUCHING = {"contype": "1", "conaffinity": "0"}  # a floor, and not each other
@@ -39,9 +40,7 @@ def geom_lines(model: Model, link: str) -> list[str]:
     A contact point is a sphere, or a flat cylinder for a circle; if the model has contact points, shapes touch no
     floor.
     """
-    names: list[str] = []  # of the shapes, then of the contact points; empty for a shape without a name
-    for name in (*(shape.name for shape in model.shapes), *(f"contact{k}" for k in range(len(model.contacts)))):
-        names.append(unused(name, [FLOOR, *names]) if name else "")
+    names = _names(model)
     bits, lines = (SILENT if model.contacts else TOUCHING), []
     for k, shape in enumerate(model.shapes):
         if shape.link == link:
@@ -49,6 +48,31 @@ def geom_lines(model: Model, link: str) -> list[str]:
     for name, point in zip(names[len(model.shapes) :], model.contacts):
         if point.link == link:
             lines += element("geom", {"name": name, **_point(point), **MASSLESS, **TOUCHING})
+    return lines
+
+
+def _names(model: Model) -> list[str]:
+    """Return names of the shapes, then of the contact points; empty for a shape that has and needs none."""
+    names: list[str] = []
+    for k, shape in enumerate(model.shapes):
+        name = shape.name or ("" if shape.friction is None else f"shape{k}")
+        names.append(unused(name, [FLOOR, *names]) if name else "")
+    for k in range(len(model.contacts)):
+        names.append(unused(f"contact{k}", [FLOOR, *names]))
+    return names
+
+
+def pair_lines(model: Model, ground: Ground | None) -> list[str]:
+    """Write what touches the ground with a friction of its own as pairs with the floor."""
+    if ground is None:
+        return []
+    written = [bool(_geometry(k, shape.geometry)) and not model.contacts for k, shape in enumerate(model.shapes)]
+    frictions = [item.friction for item in model.shapes] + [item.friction for item in model.contacts]
+    lines = []
+    for name, mu, touches in zip(_names(model), frictions, [*written, *[True] * len(model.contacts)]):
+        if touches and mu is not None:
+            friction = (mu, mu, *ROLLING, ROLLING[-1])
+            lines += element("pair", {"geom1": FLOOR, "geom2": name, "friction": friction, **_give(model, ground)})
     return lines
 
 
@@ -129,8 +153,6 @@ def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[st
     """Write the ground as a plane or a height field, and return what of the ground is left out."""
     if ground is None:
         return [], []
-    stiffness = GRAVITY * (1.0 - IMPEDANCE) / ground.penetration * _softness(model)
-    damping = 2.0 * ground.damping_ratio * math.sqrt(stiffness)
     if ground.field is None:
         turn = (0.0, -ground.slope, ground.heading)
         kind = {"type": "plane", "size": "0 0 1", "pos": (0.0, 0.0, ground.height), "euler": turn}
@@ -140,14 +162,20 @@ def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[st
     floor = {
         "name": FLOOR,
         **kind,
-        "friction": (ground.friction, 0.005, 0.0001),
-        "solref": (-stiffness, -damping),
-        "solimp": (IMPEDANCE, IMPEDANCE, 0.001),
+        "friction": (ground.friction, *ROLLING),
+        **_give(model, ground),
         "priority": "1",
     }
     left = ["the steps of the ground are left out"] if ground.steps else []
     left += ["the ground ends at the edge of its field, whose cells are two triangles each"] if ground.field else []
     return element("geom", floor), left
+
+
+def _give(model: Model, ground: Ground) -> dict[str, Any]:
+    """Return how the ground gives way."""
+    stiffness = GRAVITY * (1.0 - IMPEDANCE) / ground.penetration * _softness(model)
+    damping = 2.0 * ground.damping_ratio * math.sqrt(stiffness)
+    return {"solref": (-stiffness, -damping), "solimp": (IMPEDANCE, IMPEDANCE, 0.001)}
 
 
 def _halves(field: HeightField) -> list[float]:

@@ -1,0 +1,116 @@
+"""Find which geoms of a compiled MJCF file touch the ground, and with what friction.
+
+A geom touches the floor, the first plane or height field that does not move, as contype and conaffinity say, unless an
+<exclude> names their two bodies.  A <pair> of a geom with one of the ground makes it touch whatever those say, with a
+friction of its own.  The ground are the geoms of the world, of bodies that are no links, and planes and height fields.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...base.flaws import quoted
+from .tree import HFIELD, PLANE, Tree, names_of
+
+FRICTIONLESS = 1  # condim
+
+
+class Touching(NamedTuple):
+    """What touches the ground."""
+
+    friction: dict[int, float | None]  # by geom; None is the ground's
+    doubts: list[str]
+    remarks: list[str]
+
+
+def read_touching(m: Any, tree: Tree, stated: bool) -> Touching:
+    """Read what touches the ground.
+
+    stated: whether the file states a friction of a <pair>; otherwise MuJoCo's default of 1 is none of the file's.
+    """
+    ground = {g for g in range(m.ngeom) if _is_ground(m, tree, g)}
+    links = [g for g in range(m.ngeom) if g not in ground and tree.holds(m, int(m.geom_bodyid[g]))]
+    floor = next((g for g in sorted(ground) if m.geom_type[g] in (PLANE, HFIELD)), None)
+    excluded = _excluded(m)
+    friction: dict[int, float | None] = {
+        g: None for g in links if _meets(m, g, floor) and (_body(m, floor), int(m.geom_bodyid[g])) not in excluded
+    }
+    by_pair: dict[int, list[int]] = {}
+    others: list[str] = []
+    for k in range(m.npair):
+        moving = [g for g in (int(m.pair_geom1[k]), int(m.pair_geom2[k])) if g not in ground]
+        if len(moving) == 1 and moving[0] in links:
+            by_pair.setdefault(moving[0], []).append(k)
+        elif len(moving) == 2:
+            others.append(m.pair(k).name or str(k))
+    for g, pairs in by_pair.items():
+        friction[g] = _friction(m, pairs[0], stated)
+    remarks = [f"skipped <pair> {quoted(others)} of two links: links touch the ground alone"] if others else []
+    within = sum(not {_body(m, floor), 0} & set(bodies) for bodies in excluded) // 2
+    remarks += [f"skipped {within} <exclude>: links touch the ground alone"] if within else []
+    remarks += _by_pair(m, {g: friction[g] for g in by_pair})
+    return Touching(friction, list(_doubts(m, by_pair, stated)), remarks)
+
+
+def _is_ground(m: Any, tree: Tree, g: int) -> bool:
+    b = int(m.geom_bodyid[g])
+    still = m.body_weldid[b] == 0
+    return b == 0 or (still and (m.geom_type[g] in (PLANE, HFIELD) or not tree.holds(m, b)))
+
+
+def _body(m: Any, floor: int | None) -> int:
+    return 0 if floor is None else int(m.geom_bodyid[floor])
+
+
+def _meets(m: Any, g: int, floor: int | None) -> bool:
+    """Return whether the bits of a geom meet those of the floor, or without one those that geoms have by default."""
+    kind, affinity = (1, 1) if floor is None else (m.geom_contype[floor], m.geom_conaffinity[floor])
+    return bool(m.geom_contype[g] & affinity or m.geom_conaffinity[g] & kind)
+
+
+def _excluded(m: Any) -> set[tuple[int, int]]:
+    """Return the bodies that each <exclude> names, in either order."""
+    found = [divmod(int(signature), 1 << 16) for signature in m.exclude_signature]
+    return {*found, *((two, one) for one, two in found)}
+
+
+def _friction(m: Any, pair: int, stated: bool) -> float | None:
+    if m.pair_dim[pair] == FRICTIONLESS:
+        return 0.0
+    return float(m.pair_friction[pair, 0]) if stated else None
+
+
+def _by_pair(m: Any, friction: dict[int, float | None]) -> list[str]:
+    """Return what to say of the geoms that touch the ground by a <pair>."""
+    names = names_of(m, "geom", m.ngeom)
+    alike: dict[float | None, list[str]] = {}
+    for g, mu in friction.items():
+        alike.setdefault(mu, []).append(names[g])
+    return [
+        f"geoms {quoted(geoms)} touch the ground by <pair>, with "
+        + ("the ground's friction" if mu is None else f"a friction of {mu:g} in place of the ground's")
+        for mu, geoms in alike.items()
+    ]
+
+
+def _doubts(m: Any, by_pair: dict[int, list[int]], stated: bool) -> Any:
+    """Yield what of a <pair> with the ground is taken otherwise."""
+    names = names_of(m, "geom", m.ngeom)
+    several = [g for g, pairs in by_pair.items() if len({_friction(m, k, stated) for k in pairs}) > 1]
+    if several:
+        yield f"took the first <pair> of geoms {quoted(names[g] for g in several)}, whose frictions differ"
+    first = {g: pairs[0] for g, pairs in by_pair.items()}
+    turned = [g for g, k in first.items() if _friction(m, k, stated) and np.ptp(m.pair_friction[k, :2])]
+    if turned:
+        yield (
+            f"took the first of the two frictions in the <pair> of geoms {quoted(names[g] for g in turned)} in all "
+            "directions; write both alike"
+        )
+    early = [g for g, k in first.items() if m.pair_margin[k] > m.pair_gap[k]]
+    if early:
+        yield (
+            f"ignored the margin in the <pair> of geoms {quoted(names[g] for g in early)}: they touch where they meet "
+            "the ground"
+        )
