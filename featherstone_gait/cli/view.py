@@ -1,12 +1,13 @@
 """Show saved runs, or a robot, as a page for any browser.
 
-Writes FILE_view.html; with --gif FILE.gif instead, with --png the folder FILE_frames, with --live no file.
+Writes FILE_view.html; with --movie or --gif a movie instead, with --png the folder FILE_frames, with --live no file.
 
   featherstone-gait view humanoid
   featherstone-gait view humanoid_simulation.npz
   featherstone-gait view before.npz after.npz --ghosts
   featherstone-gait view run.npz --live
   featherstone-gait view run.npz --gif --speed 0.1
+  featherstone-gait view run.npz --movie run.mp4
 """
 
 from __future__ import annotations
@@ -33,10 +34,12 @@ def add(commands: Commands) -> None:
     parser.option("--keyframe", "show a robot in this posture (default: the one nearest to zero)", metavar="NAME")
     parser.option("--live", "serve a page with the robot's full meshes until Ctrl-C (needs viser)", False)
     parser.option("--port", "port of --live", 8080, metavar="N")
+    movie = "write a movie instead of a page: .mp4 or .webm (which need ffmpeg), or .gif"
+    parser.option("--movie", movie, metavar="FILE")
     parser.option("--gif", "write a GIF of the first run instead of a page", False)
     parser.option("--png", "write a folder of PNG files instead of a page", False)
-    parser.option("--speed", "playing speed of GIF and PNG; 0.1 is slow motion", 1.0, metavar="X")
-    parser.option("--fps", "frames per second of GIF and PNG", 25.0, metavar="N")
+    parser.option("--speed", "playing speed of movies and PNG; 0.1 is slow motion", 1.0, metavar="X")
+    parser.option("--fps", "frames per second of movies and PNG", 25.0, metavar="N")
     parser.option("--open", "open the page in a browser", False)
 
 
@@ -61,11 +64,12 @@ def run(args: Namespace) -> int:
         names, robot = [Path(file).stem for file in args.files], args.robot
         if args.keyframe is not None:
             raise ValueError("--keyframe is for a robot without a run; leave it out, or give the robot's file")
-    if args.gif or args.png:
-        for wanted, ending in ((args.gif, ".gif"), (args.png, "_frames")):
-            if wanted:
-                path = args.out / f"{names[0]}{ending}"
-                print(f"file        {path}, {save_movie(runs[0], path, robot, fps=args.fps, speed=args.speed)} frames")
+    drawn = [args.movie] * bool(args.movie) + [f"{names[0]}.gif"] * args.gif + [f"{names[0]}_frames"] * args.png
+    for name in drawn:
+        with telling_extras():
+            count = save_movie(runs[0], args.out / name, robot, fps=args.fps, speed=args.speed)
+        print(f"file        {args.out / name}, {count} frames")
+    if drawn:
         return 0
     captions = args.caption or [name if names.count(name) == 1 else f"{name} {k + 1}" for k, name in enumerate(names)]
     how = {"captions": captions, "plots": args.plot, "ghosts": args.ghosts}

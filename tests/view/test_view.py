@@ -1,9 +1,12 @@
 """Pages that show runs: what is in them, without a browser."""
 
+import ast
 import html
 import json
+import os
 import re
 import struct
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -475,10 +478,51 @@ def test_a_gif_plays_in_its_time_and_stops_where_the_run_failed(model, tmp_path)
     first, later, last = (np.asarray(Image.open(files[k]).convert("RGB"), dtype=int) for k in (0, 6, 18))
     assert np.abs(first - later).max() > 50
     assert np.abs(last - np.asarray(Image.open(files[9]).convert("RGB"), dtype=int)).max() == 0
-    with pytest.raises(ValueError, match=r"expected a name that ends in .gif, or a folder"):
-        save_movie(run, tmp_path / "run.mp4")
+    with pytest.raises(ValueError, match=r"run.avi: expected a name that ends in .gif, .mp4, .webm, or a folder"):
+        save_movie(run, tmp_path / "run.avi")
     with pytest.raises(ValueError, match="frames; at most 3000: lower fps, or raise speed"):
         save_movie(run, tmp_path / "run.gif", speed=1e-3)
+
+
+@pytest.mark.parametrize("ending", ["mp4", "webm"])
+def test_movies_are_made_of_all_frames_by_ffmpeg(model, tmp_path, monkeypatch, ending):
+    """A program in its place keeps its arguments and what it reads: every pixel of every frame."""
+    program = tmp_path / "ffmpeg"
+    program.write_text(
+        f"#!{sys.executable}\nimport sys\nwith open(sys.argv[-1], 'wb') as file:\n"
+        "    file.write(repr((sys.argv[1:-1], len(sys.stdin.buffer.read()))).encode())\n"
+    )
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    count = save_movie(fallen(model, at=0.4), tmp_path / f"run.{ending}", fps=10.0, size=(161, 121))
+    told, read = ast.literal_eval((tmp_path / f"run.{ending}").read_text())
+    assert read == 15 * 160 * 120 * 4
+    assert count == 15
+    given = [*pairwise(told)]
+    for option in (("-s", "160x120"), ("-pix_fmt", "yuv420p"), ("-f", ending)):
+        assert option in given
+
+
+def test_movies_without_ffmpeg_name_the_command(model, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    run = fallen(model, at=0.4)
+    with pytest.raises(ImportError, match=r"pip install featherstone-gait\[movie\]"):
+        save_movie(run, tmp_path / "run.mp4", size=(160, 120))
+    run.save(tmp_path / "run")
+    assert main(["view", str(tmp_path / "run"), "--movie", "run.webm", "--out", str(tmp_path)]) == 2
+    assert "pip install featherstone-gait[movie]" in capsys.readouterr().err
+    assert not (tmp_path / "run.mp4").exists()
+
+
+def test_an_encoder_that_fails_is_named(model, tmp_path, monkeypatch):
+    program = tmp_path / "ffmpeg"
+    program.write_text("#!/bin/sh\necho \"Unknown encoder 'h264'\" >&2\nexit 1\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    with pytest.raises(OSError, match="h264"):
+        save_movie(fallen(model, at=0.4), tmp_path / "run.mp4", fps=10.0, size=(160, 120))
+    assert not (tmp_path / "run.mp4").exists()
 
 
 @pytest.mark.long
