@@ -13,12 +13,13 @@ is reset with the seed s has the same bits as a single robot reset with s + k.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import finite, listed, real, shown, vector, whole
+from ..base.arguments import finite, listed, one_of, real, vector, whole
 from ..base.deprecated import keywords
 from ..model import Ground, Model
 from ..robot_file import load_robot
@@ -47,10 +48,14 @@ try:
 except ImportError as error:
     raise ImportError("environments need Gymnasium: pip install featherstone-gait[gym]") from error
 
+if TYPE_CHECKING:
+    from ..view.movie import Picture, Window
+
 OBSERVED = ("q", "qd", "base_q", "base_qd")
 SPREAD = 0.02  # range of joint positions at the start [rad or m]
 TILTED = 0.5  # tilt at which standing has no reward [rad]
 EFFORT = 0.01  # cost of the mean square of an action
+NO_WINDOW = 'Matplotlib has no window here; give render_mode="rgb_array", or choose a backend such as "qtagg"'
 KEPT = 64  # sessions of worlds that one environment keeps, of some 70 kB
 Step = tuple[Any, Any, Any, Any, dict[str, Any]]
 
@@ -86,10 +91,7 @@ class _Robots:
         ticks: int,
         duration: float,
         gearbox: str | None,
-        render_mode: str | None,
     ) -> None:
-        if render_mode is not None:
-            raise ValueError(f"render_mode is {shown(render_mode)}; nothing is drawn here: give None")
         self.task, self.worlds, self.scene = task, worlds, _scene(robot, gearbox)
         model, n = self.scene.model, self.scene.tree.n
         self.angles = vector("angles", np.zeros(n) if angles is None else angles, n, "[rad or m], of a standing robot")
@@ -99,9 +101,26 @@ class _Robots:
         self.lower = np.array([joint.lower for joint in model.moving_joints])
         self.upper = np.array([joint.upper for joint in model.moving_joints])
         self.angles = np.clip(self.angles, self.lower, self.upper)
-        self.height = float(standing_state(self.scene, self.angles)[self.scene.part("base_q")[0] + 2])
+        standing = self.scene.state_view(standing_state(self.scene, self.angles))
+        self.standing = np.concatenate([standing["base_q"], standing["q"]])
+        self.height = float(standing["base_q"][2])
         self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 10,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float64)
+
+    @cached_property
+    def picture(self) -> Picture:
+        """A picture with room for a robot that stands or lies."""
+        from ..view.movie import Picture
+
+        assert self.scene.ground is not None
+        return Picture(self.scene.model, self.standing[None], self.scene.ground.height)
+
+    def draw(self, session: Session, robot: int = 0) -> np.ndarray:
+        """Return a picture (height, width, 3) of a robot as it is now."""
+        seen, status = session.observe(), session.status[robot]
+        label = f"{session.time[robot]:.2f} s" + f": {status}" * (status != "ok")
+        self.picture.draw(np.concatenate([seen["base_q"][robot], seen["q"][robot]]), label)
+        return self.picture.pixels()
 
     def begin(self, draw: np.random.Generator) -> np.ndarray:
         """Draw the first state of an episode."""
@@ -170,7 +189,8 @@ class RobotEnv(gymnasium.Env):
     gearbox
         Gearbox model, unless `robot` is a scene: "standard", "rotor", or "mipsd", a motor inertia plus spring-damper.
     render_mode
-        None, since nothing is drawn.
+        "rgb_array": `render` returns a picture (480, 640, 3) of whole numbers from 0 to 255.  "human": each step is
+        drawn in a window of Matplotlib, not faster than real time.  None: nothing is drawn.
 
     Raises
     ------
@@ -178,7 +198,7 @@ class RobotEnv(gymnasium.Env):
         For robots that do not stand, and for numbers out of range.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50.0}  # noqa: RUF012
     task = Task()
 
     @keywords(servos="gearbox")
@@ -192,10 +212,11 @@ class RobotEnv(gymnasium.Env):
         ticks: int = 2,
         duration: float = 10.0,
         gearbox: str | None = "mipsd",
-        render_mode: None = None,
+        render_mode: str | None = None,
     ) -> None:
-        self.render_mode = None
-        self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox, render_mode)
+        self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
+        self.render_mode, self.metadata = _render_mode(self, render_mode)
+        self._window: Window | None = None
         self._worlds = self._robots.worlds
         self.observation_space, self.action_space = self._robots.observation_space, self._robots.action_space
         self._sessions: dict[int, Session] = {}
@@ -213,6 +234,8 @@ class RobotEnv(gymnasium.Env):
                 self._sessions.pop(next(iter(self._sessions))).close()
         self._session = self._sessions[world]
         seen = self._session.reset(state=self._robots.begin(self.np_random))
+        if self.render_mode == "human":
+            self.render()
         return self._robots.observation(seen)[0], self._info(seen)
 
     def step(self, action: Any) -> Step:
@@ -228,6 +251,8 @@ class RobotEnv(gymnasium.Env):
         seen = session.step(robots.reference(actions), robots.ticks)
         ended, late = not session.active[0], bool(session.time[0] >= robots.duration - 1e-9)
         reward = float(robots.reward(seen, actions)[0])
+        if self.render_mode == "human":
+            self.render()
         return robots.observation(seen)[0], reward, ended, late and not ended, self._info(seen)
 
     def _info(self, seen: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -235,11 +260,34 @@ class RobotEnv(gymnasium.Env):
         found = self._robots.info(self._session, seen)
         return {name: float(values[0]) for name, values in found.items()}
 
+    def render(self) -> Any:
+        """Draw the robot as `render_mode` says; return the picture (480, 640, 3) of "rgb_array", else None.
+
+        Raises ValueError before the first `reset`.
+        """
+        if self.render_mode is None:
+            return _no_mode(self)
+        if self._session is None:
+            raise ValueError("render: no episode has begun; call reset first")
+        if self.render_mode == "rgb_array":
+            return self._robots.draw(self._session)
+        if self._window is None:
+            from ..view.movie import Window
+
+            self._window = Window(self._robots.picture.size, self.metadata["render_fps"])
+            if not self._window.opened:
+                gymnasium.logger.warn(f"render: {NO_WINDOW}")
+        if self._window.opened:
+            self._window.show(self._robots.draw(self._session))
+        return None
+
     def close(self) -> None:
-        """Close the sessions."""
+        """Close the sessions and the window."""
+        if self._window is not None:
+            self._window.close()
         for session in self._sessions.values():
             session.close()
-        self._sessions, self._session = {}, None
+        self._sessions, self._session, self._window = {}, None, None
 
 
 class RobotVectorEnv(VectorEnv):
@@ -250,12 +298,14 @@ class RobotVectorEnv(VectorEnv):
 
     Parameters
     ----------
-    robot, angles, scale, ticks, duration, gearbox, render_mode
+    robot, angles, scale, ticks, duration, gearbox
         As in `RobotEnv`.
     num_envs
         Number of robots.
     worlds
         Domain randomization: robot k stays in world k.
+    render_mode
+        "rgb_array": `render` returns a picture of each robot.  None: nothing is drawn.
 
     Raises
     ------
@@ -263,7 +313,9 @@ class RobotVectorEnv(VectorEnv):
         As `RobotEnv`, and for fewer worlds than robots.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"], "render_fps": 50.0, "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }  # fmt: skip
     task = Task()
 
     @keywords(servos="gearbox")
@@ -278,9 +330,10 @@ class RobotVectorEnv(VectorEnv):
         ticks: int = 2,
         duration: float = 10.0,
         gearbox: str | None = "mipsd",
-        render_mode: None = None,
+        render_mode: str | None = None,
     ) -> None:
-        self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox, render_mode)
+        self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
+        self.render_mode, self.metadata = _render_mode(self, render_mode)
         self.num_envs = whole("num_envs", num_envs, 1, "give the number of robots")
         self.single_observation_space = self._robots.observation_space
         self.single_action_space = self._robots.action_space
@@ -346,6 +399,17 @@ class RobotVectorEnv(VectorEnv):
     def _info(self, seen: dict[str, np.ndarray]) -> dict[str, Any]:
         return dict(self._robots.info(self._session, seen))
 
+    def render(self) -> Any:
+        """Return a picture (480, 640, 3) of each robot if `render_mode` is "rgb_array", else None.
+
+        Raises ValueError before the first `reset`.
+        """
+        if self.render_mode is None:
+            return _no_mode(self)
+        if not self._draws:
+            raise ValueError("render: no episode has begun; call reset first")
+        return tuple(self._robots.draw(self._session, robot) for robot in range(self.num_envs))
+
     def close_extras(self, **kwargs: Any) -> None:
         """Close the session."""
         self._session.close()
@@ -381,6 +445,21 @@ class PushVector(RobotVectorEnv):
     """Task of many robots: stand under pushes; see `RobotVectorEnv`."""
 
     task = Push.task
+
+
+def _render_mode(env: Any, mode: Any) -> tuple[str | None, dict[str, Any]]:
+    """Check how an environment is to be drawn; return that and its metadata, with the rate of its steps."""
+    robots = env._robots
+    rate = 1.0 / (robots.ticks * robots.scene.tick_steps * robots.scene.timestep)
+    known = env.metadata["render_modes"]
+    return None if mode is None else one_of("render_mode", mode, known), env.metadata | {"render_fps": rate}
+
+
+def _no_mode(env: Any) -> None:
+    """Warn as Gymnasium does that nothing is drawn."""
+    name = type(env).__name__ if env.spec is None else env.spec.id
+    modes = " or ".join(f'"{mode}"' for mode in env.metadata["render_modes"])
+    gymnasium.logger.warn(f"render: {name} was made without a render mode and draws nothing; give render_mode={modes}")
 
 
 def _scene(robot: Any, gearbox: Any) -> CompiledScene:

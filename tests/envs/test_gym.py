@@ -30,6 +30,42 @@ def test_gymnasium_finds_nothing_wrong(kind, robot):
         check_env(kind(robot, duration=0.2), skip_render_check=True)
 
 
+def test_pictures_show_the_robot_as_it_is(robot):
+    """Gymnasium's own checks of each mode; a picture is that of a vector's robot in the same state, and it changes."""
+    made = gymnasium.make("featherstone_gait/Stand-v0", robot=robot, render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*(infinity|spec|render).*")
+        check_env(made.unwrapped)
+    assert made.metadata["render_fps"] == pytest.approx(50.0)  # two ticks of 10 ms
+    assert gym.Stand(robot, ticks=5).metadata["render_fps"] == pytest.approx(20.0)
+    env, envs = gym.Stand(robot, render_mode="rgb_array"), gym.StandVector(robot, 2, render_mode="rgb_array")
+    env.reset(seed=4)
+    envs.reset(seed=3)
+    first, both = env.render(), envs.render()
+    assert (first.shape, first.dtype) == ((480, 640, 3), np.uint8)
+    assert np.array_equal(both[1], first)
+    assert not np.array_equal(both[0], first)
+    for _ in range(5):
+        env.step(np.ones(10))
+    assert np.ptp(first, axis=(0, 1)).min() > 100
+    assert not np.array_equal(env.render(), first)
+    for one in (env, envs, made):
+        one.close()
+
+
+def test_what_cannot_be_drawn_is_warned_of(robot):
+    """As Gymnasium does: no mode draws nothing, nor does a window without a display."""
+    env = gym.Stand(robot)
+    with pytest.warns(UserWarning, match="render mode"):
+        assert env.render() is None
+    env = gym.Stand(robot, render_mode="human")
+    with pytest.warns(UserWarning, match="rgb_array"):
+        env.reset(seed=0)
+    env.step(np.zeros(10))
+    assert env.render() is None
+    env.close()
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning")
 @pytest.mark.parametrize("file", ["solo_description/robots/solo12.urdf", "bolt_description/robots/bolt.urdf"])
@@ -157,7 +193,9 @@ def test_misuse_is_refused(robot):
         (lambda: gym.StandVector(robot, 3).step(np.zeros((3, 10))), "call reset first"),
         (lambda: gym.Stand(robot, ticks=0), "ticks is 0"),
         (lambda: gym.Stand(robot, angles=np.zeros(3)), "angles must be 10"),
-        (lambda: gym.Stand(robot, render_mode="human"), "nothing is drawn"),
+        (lambda: gym.Stand(robot, render_mode="ansi"), "render_mode is 'ansi'"),
+        (lambda: gym.StandVector(robot, 3, render_mode="human"), "render_mode is 'human'"),
+        (lambda: gym.Stand(robot, render_mode="rgb_array").render(), "call reset first"),
         (lambda: gym.StandVector(robot, 3).reset(seed=[1, 2]), "2 entries; there are 3"),
     ):
         with pytest.raises(ValueError, match=message):
