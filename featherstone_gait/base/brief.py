@@ -8,8 +8,6 @@ from dataclasses import MISSING, fields, is_dataclass
 from itertools import islice
 from typing import Any
 
-import numpy as np
-
 LONGEST = 60  # characters of a value
 NESTED = 160  # characters of a value that has fields itself
 FEW = 8  # numbers or entries that are written out
@@ -57,7 +55,7 @@ def _fields(value: Any) -> list[tuple[str, Any, Any]]:
 
 def _absent(value: Any, default: Any) -> bool:
     """Return whether a value says nothing: None, nothing in it, or a default that is zero or no limit."""
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "dtype"):
         return False
     if value is None or (isinstance(value, Sized) and not len(value)):
         return True
@@ -67,10 +65,10 @@ def _absent(value: Any, default: Any) -> bool:
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, np.ndarray):
-        return _array(value)
-    if isinstance(value, (float, np.floating)):
+    if isinstance(value, float):
         return f"{value:.6g}"
+    if hasattr(value, "dtype"):
+        return _array(value)
     if isinstance(value, str):
         return repr(clipped(value))
     if is_dataclass(value) or hasattr(value, "_fields"):
@@ -81,7 +79,9 @@ def _value(value: Any) -> str:
     return clipped(repr(value))
 
 
-def _array(value: np.ndarray) -> str:
+def _array(value: Any) -> str:
+    import numpy as np  # late: `featherstone-gait --help` does without
+
     if value.size > FEW or value.ndim > 1:
         return f"array {value.shape}"
     return np.array2string(value, precision=4, separator=", ", max_line_width=10**6)
