@@ -30,6 +30,8 @@ Choice: TypeAlias = str | Sequence[str]  # "all", "feet" or names of links
 FOOT = 0.1  # of the robot's height
 LEVEL = 1e-3  # of the robot's height, within which of the lowest contact point others carry the robot too
 SOLE = 0.5  # of a foot's shape: the lower part whose corners are kept
+SMALL = 0.25  # of a shape's largest side: what a sole is expected to span at least, ...
+NARROW = 0.1  # ... unless all feet together span more than this part of the robot's height in each direction
 
 
 def with_contacts(model: Model, choice: Choice) -> Model:
@@ -45,7 +47,8 @@ def with_contacts(model: Model, choice: Choice) -> Model:
     Returns
     -------
     Model
-        The robot with these contact points.
+        The robot with these contact points; a note names feet that may have been chosen in a posture in which the robot
+        does not stand.
 
     Raises
     ------
@@ -64,8 +67,8 @@ def with_contacts(model: Model, choice: Choice) -> Model:
     if isinstance(choice, str):
         if choice not in ("all", "feet"):
             raise ValueError(f"contacts is {choice!r}; expected 'all', 'feet' or a list of links: write [{choice!r}]")
-        points = contact_points(model.shapes) if choice == "all" else _sole_points(model)
-        return replace(model, contacts=_carrying(model, points))
+        points, doubts = _sole_points(model) if choice == "feet" else (contact_points(model.shapes), ())
+        return replace(model, contacts=_carrying(model, points), notes=(*model.notes, *doubts))
     choice = texts("contacts", choice, "expected 'all', 'feet' or a list of links")
     shaped = list(dict.fromkeys(shape.link for shape in model.shapes))
     if not choice:
@@ -209,8 +212,8 @@ def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) ->
     return height - radii - rims * tilt
 
 
-def _sole_points(model: Model) -> tuple[ContactPoint, ...]:
-    """Compute the contact points of the feet."""
+def _sole_points(model: Model) -> tuple[tuple[ContactPoint, ...], tuple[str, ...]]:
+    """Compute the contact points of the feet, and name the feet that do not look like soles."""
     poses = _poses_at_rest(model)
     spans = [_span(model, shape, poses) for shape in model.shapes]
     lowest = min(bottom for bottom, _ in spans)
@@ -223,7 +226,35 @@ def _sole_points(model: Model) -> tuple[ContactPoint, ...]:
             f"{model.name}: contacts='feet', but no link at an end of the robot comes within {FOOT:.0%} of its height "
             "to the ground at rest: name the links that shall touch it"
         )
-    return tuple(point for shape in soles for point in _lower_half(model, shape, poses))
+    parts = [(shape, _lower_half(model, shape, poses)) for shape in soles]
+    points = tuple(point for _, part in parts for point in part)
+    wide = _least_width(model, points, poses) >= NARROW * (reach - lowest) / FOOT
+    return points, () if wide else tuple(filter(None, (_doubt(shape, part) for shape, part in parts)))
+
+
+def _least_width(model: Model, points: Sequence[ContactPoint], poses: Poses) -> float:
+    """Compute how wide the points are in the horizontal direction in which they are least wide [m]."""
+    at = [model.link_rows[point.link] for point in points]
+    local = np.array([point.position for point in points])
+    placed = poses.position[at, :2] + (poses.rotation[at, :2, :] * local[:, None, :]).sum(axis=-1)
+    angles = np.linspace(0.0, np.pi, 36, endpoint=False)
+    return float(np.ptp(placed @ np.array([np.cos(angles), np.sin(angles)]), axis=0).min())
+
+
+def _doubt(shape: Shape, points: Sequence[ContactPoint]) -> str | None:
+    """Return a note where a foot stands on a small part of its shape, as a sole does that is upright."""
+    if isinstance(shape.geometry, Sphere | Capsule | Cylinder):
+        return None
+    sizes = np.sort(np.ptp(_every_corner(shape), axis=0))
+    kept = applied(rotation_from_rpy(shape.rpy).T, np.array([point.position for point in points]))
+    spans = np.sort(np.ptp(kept, axis=0))
+    if spans[1] * spans[2] >= SMALL * sizes[1] * sizes[2]:
+        return None
+    return (
+        f"contacts='feet': at rest link {shape.link!r} stands on {spans[1]:.2g} x {spans[2]:.2g} m of a shape of "
+        f"{sizes[1]:.2g} x {sizes[2]:.2g} m, and the feet span less than a tenth of the robot's height: give a "
+        "keyframe 'stand' in which it stands, or name the links or points that shall touch the ground"
+    )
 
 
 def _span(model: Model, shape: Shape, poses: Poses) -> tuple[float, float]:

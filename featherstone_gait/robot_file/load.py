@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from ..model.tree_checks import check_locked
 from .collision import MeshFinder
 from .markup import read_markup
 from .mjcf.read import read_mjcf
-from .report import Report, RobotFileError, blamed_on
+from .report import Report, RobotFileError, RobotFileWarning, blamed_on, refusal
 from .robot import Robot
 from .settings import Settings, read_settings
 from .simtwo.read import read_simtwo
@@ -113,7 +114,13 @@ def load_robot(
     if choice is None:
         return model
     with blamed_on(f"{path}: contacts={choice!r}"):
-        return with_contacts(model, choice)
+        chosen = with_contacts(model, choice)
+    doubts = chosen.notes[len(model.notes) :]
+    if doubts and strict:
+        raise refusal(path, list(doubts))
+    for doubt in doubts:
+        warnings.warn(f"{path}: {doubt}", RobotFileWarning, stacklevel=2)
+    return chosen
 
 
 def _check_arguments(name_or_path: Any, strict: Any, repair_inertia: Any, package_dirs: Any) -> None:

@@ -21,6 +21,7 @@ from featherstone_gait import (
     Mesh,
     Model,
     RobotFileError,
+    RobotFileWarning,
     Shape,
     Sphere,
     center_of_mass,
@@ -29,6 +30,7 @@ from featherstone_gait import (
     forward_kinematics,
     load_robot,
     nearest_posture,
+    save_robot,
     with_contacts,
 )
 from featherstone_gait.base.rotation import rotation_from_rpy
@@ -386,9 +388,8 @@ def test_shapes_of_a_trunk_alone_are_no_feet():
         with_contacts(model, 3)
 
 
-@pytest.mark.parametrize("keyframe", ["home", "stand"])
-def test_soles_are_chosen_as_the_robot_stands(keyframe):
-    """Soles that stand upright on their heels at zero lie flat in the keyframe: all of each carries the robot."""
+def with_upright_soles():
+    """A biped whose soles stand upright on their heels at zero, and the posture in which they lie flat."""
     sole = Box((0.04, 0.06, 0.2))
     links = tuple(Link(name, *BODY) for name in ("trunk", "left", "right"))
     joints = tuple(
@@ -397,12 +398,31 @@ def test_soles_are_chosen_as_the_robot_stands(keyframe):
     )
     shapes = (Shape("trunk", Box((0.1, 0.3, 0.4))), *(Shape(side, sole) for side in ("left", "right")))
     standing = (0.0, 0.0, 0.52, 1.0, 0.0, 0.0, 0.0, math.pi / 2, math.pi / 2)
-    robot = Model("biped", links, joints, "floating", shapes=shapes, keyframes={keyframe: standing})
-    found = with_contacts(robot, "feet").contacts
-    at = contact_positions(replace(robot, contacts=found), np.array(standing))
+    return Model("biped", links, joints, "floating", shapes=shapes), standing
+
+
+@pytest.mark.parametrize("keyframe", ["home", "stand"])
+def test_soles_are_chosen_as_the_robot_stands(keyframe):
+    """All of each sole carries the robot in the keyframe."""
+    robot, standing = with_upright_soles()
+    robot = with_contacts(replace(robot, keyframes={keyframe: standing}), "feet")
+    assert robot.notes == ()
+    found = robot.contacts
+    at = contact_positions(robot, np.array(standing))
     lowest = {tuple(np.round(x, 9) + 0.0) for x in at if abs(x[2]) < 1e-9}
     assert lowest == {(x, y + z, 0.0) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.03, 0.03)}
     assert all(point.load_bearing == (abs(x[2]) < 1e-9) for point, x in zip(found, at))
+
+
+def test_soles_that_stand_upright_at_rest_are_doubted(tmp_path):
+    robot, _ = with_upright_soles()
+    notes = with_contacts(robot, "feet").notes
+    assert [side in note for side, note in zip(("'left'", "'right'"), notes, strict=True)] == [True, True]
+    save_robot(robot, tmp_path / "biped.urdf")
+    with pytest.warns(RobotFileWarning, match=r"biped\.urdf: contacts='feet': .* link '(left|right)'"):
+        load_robot(tmp_path / "biped.urdf", contacts="feet")
+    with pytest.raises(RobotFileError, match="keyframe 'stand'"):
+        load_robot(tmp_path / "biped.urdf", contacts="feet", strict=True)
 
 
 def test_a_robot_that_lies_on_its_belly_has_no_feet():
