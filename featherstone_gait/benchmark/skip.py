@@ -214,6 +214,7 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("locked joints lumped (of 7 three)", rollout(held), plain, ""),
         ("no friction", plain, rollout(changed(arm, damping=0.01, friction=0.01)), ""),
         ("no stops", plain, rollout(changed(arm, type="revolute", lower=-3.0, upper=3.0)), "no joint at its stop"),
+        ("no springs of joints", plain, rollout(changed(arm, stiffness=0.1)), "one at each joint"),
         ("no coupled joints", plain, rollout(changed(arm, last, mimic=Mimic(arm.joints[0].name))), "the last of 7"),
         ("no pushes", plain, rollout(arm, pushes=(push,)), "one push"),
         ("no recorded channel", rollout(arm, every=1), rollout(arm, record=PARTS, every=1), "one number, and all"),

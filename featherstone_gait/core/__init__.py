@@ -16,7 +16,7 @@ name is one thing everywhere, and their docstrings explain other arguments alone
     W, Z, C, F      scratch of the tree (rows, COLUMNS), of joints (SCRATCH, n) and contact points (points, SCRATCH), of
                     which tree/layout.py, step/newton.py and effects/contact.py say what is in it; forces from outside
                     (n + 1, 6) [moment; force] about the common origin, world axes [N m; N]
-    actuator, controller, motor, gear, friction, stops, push, springs, contact
+    actuator, controller, motor, gear, friction, stops, joint_springs, push, springs, contact
                     records of an effect, one a joint, push, spring or point; None where it is absent (effects/)
 
 Forces of joints are in N m, of sliding ones in N; their slopes -dT/dv in N m s/rad or N s/m.

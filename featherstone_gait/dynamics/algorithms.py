@@ -58,7 +58,7 @@ class Energy(np.ndarray):
     kinetic : numpy.ndarray
         Kinetic energy, () or (n,) [J].
     potential : numpy.ndarray
-        Potential energy in the field of gravity, () or (n,); heights count from the world's origin [J].
+        Potential energy of gravity and joint springs, () or (n,); heights count from the world's origin [J].
     total : numpy.ndarray
         Sum of both, () or (n,) [J].
     """
@@ -91,9 +91,12 @@ def forward_dynamics(
     *,
     wrench: Wrenches | None = None,
     armature: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> np.ndarray:
     """Compute the accelerations that forces cause (articulated-body algorithm, RBDA section 7.3).
+
+    Gravity and springs of joints act besides the given forces; damping, friction, servos and stops do not.
 
     Coupled joints (`Joint.mimic`) accelerate by multiplier times their leaders' acceleration: the result is
     G (G' M G)^-1 G' (tau - c), with G of `coupling_matrix` and the bias forces c at the given q and qd, whether these
@@ -114,6 +117,8 @@ def forward_dynamics(
         External forces and moments by link name, at the origin of the link's frame, in world axes.
     armature : array_like, optional
         Inertia (joints,) added to each joint, such as G^2 J of a rotor [kg m^2 or kg]; None takes the model's.
+    stiffness : array_like, optional
+        Stiffness (joints,) of the joints' springs [N m/rad or N/m]; None takes the model's.
     gravity : array_like, optional
         Acceleration of gravity (3,) [m/s^2].
 
@@ -129,6 +134,9 @@ def forward_dynamics(
     """
     x = _arguments(model, q=q, qd=qd, tau=tau)
     robot = _robot(model, armature, gravity)._replace(coupling=compile_tree(model).coupling)
+    pull = _spring_torque(model, x["q"], stiffness)
+    if pull is not None:
+        x["tau"] = x["tau"] + pull
     out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, robot)
     return _shaped(out, q, qd, tau)
 
@@ -141,11 +149,13 @@ def inverse_dynamics(
     *,
     wrench: Wrenches | None = None,
     armature: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> np.ndarray:
     """Compute the generalized forces that a motion takes (recursive Newton-Euler algorithm, RBDA Table 5.1).
 
-    Couplings of joints are ignored: with G of `coupling_matrix`, G' tau drives the independent joints.
+    Gravity and springs of joints act besides them; damping, friction, servos and stops do not.  Couplings of joints are
+    ignored: with G of `coupling_matrix`, G' tau drives the independent joints.
 
     Parameters
     ----------
@@ -161,6 +171,8 @@ def inverse_dynamics(
         External forces and moments by link name, at the origin of the link's frame, in world axes.
     armature : array_like, optional
         Inertia (joints,) added to each joint, such as G^2 J of a rotor [kg m^2 or kg]; None takes the model's.
+    stiffness : array_like, optional
+        Stiffness (joints,) of the joints' springs [N m/rad or N/m]; None takes the model's.
     gravity : array_like, optional
         Acceleration of gravity (3,) [m/s^2].
 
@@ -176,7 +188,8 @@ def inverse_dynamics(
     """
     x = _arguments(model, q=q, qd=qd, qdd=qdd)
     out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, _robot(model, armature, gravity))
-    return _shaped(out, q, qd, qdd)
+    pull = _spring_torque(model, x["q"], stiffness)
+    return _shaped(out if pull is None else out - pull, q, qd, qdd)
 
 
 def mass_matrix(model: Model, q: ArrayLike, *, armature: ArrayLike | None = None) -> np.ndarray:
@@ -282,7 +295,12 @@ def energy(
     ValueError
         For wrong shapes and values that are not finite.
     """
-    return _shaped(_measures(model, q, qd, armature, gravity)[0], q, qd).view(Energy)
+    out, joints = _measures(model, q, qd, armature, gravity)[0], model.moving_joints
+    stiffness = np.array([joint.stiffness for joint in joints])
+    if stiffness.any():
+        stretch = _arguments(model, q=q)["q"][:, model.nq - len(joints) :] - [j.spring_reference for j in joints]
+        out[:, 1] += (0.5 * stiffness * stretch**2).sum(axis=1)
+    return _shaped(out, q, qd).view(Energy)
 
 
 def center_of_mass(model: Model, q: ArrayLike) -> np.ndarray:
@@ -593,6 +611,17 @@ def _robot(model: Model, armature: ArrayLike | None, gravity: ArrayLike) -> Robo
     tree = compile_tree(model)
     added = joint_armature(model) if armature is None else vector("armature", armature, tree.n)
     return Robot(tree.bodies, added, vector("gravity", gravity, 3, "[m/s^2]"))
+
+
+def _spring_torque(model: Model, q: np.ndarray, stiffness: ArrayLike | None) -> np.ndarray | None:
+    """Compute the generalized forces (n, nv) of the joints' springs; None without springs."""
+    joints = model.moving_joints
+    K = np.array([j.stiffness for j in joints]) if stiffness is None else vector("stiffness", stiffness, len(joints))
+    if not K.any():
+        return None
+    force = np.zeros((len(q), model.nv))
+    force[:, model.nv - len(joints) :] = K * ([j.spring_reference for j in joints] - q[:, model.nq - len(joints) :])
+    return force
 
 
 def _still(tree: Tree, q: np.ndarray) -> Motion:

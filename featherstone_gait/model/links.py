@@ -122,6 +122,8 @@ class Joint:
         Viscous damping [N m s/rad or N s/m] and Coulomb friction [N m or N].
     armature : float
         Inertia of what turns with the joint alone, such as a rotor [kg m^2 or kg].
+    stiffness, spring_reference : float
+        Stiffness of a spring at the joint [N m/rad or N/m], and the position at which it is slack [rad or m].
     mimic : Mimic or None
         Coupling to another joint.
 
@@ -146,6 +148,8 @@ class Joint:
     friction: float = quantity(">= 0", "SI", 0.0, "correct the value")
     armature: float = quantity(">= 0", "SI", 0.0, "correct the value")
     mimic: Mimic | None = None
+    stiffness: float = quantity(">= 0", "SI", 0.0, "0 is no spring")
+    spring_reference: float = quantity("finite", "rad or m", 0.0, "it is the position at which the spring is slack")
 
     __repr__ = brief
 

@@ -45,7 +45,7 @@ def load_robot(
     needs MuJoCo: ``pip install featherstone-gait[mjcf]``.  Keyframes of MJCF become `Model.keyframes`.
 
     A file that deviates from its format but has one meaning is read.  What changes the motion and cannot be represented
-    in a `Model`, such as the joint springs of MJCF, is ignored.  `Model.notes` lists both, and one RobotFileWarning
+    in a `Model`, such as the forces of tendons in MJCF, is ignored.  `Model.notes` lists both, and one RobotFileWarning
     reports them.
 
     Parameters
@@ -159,7 +159,7 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
 
 def _model(path: Path, robot: Robot, settings: Settings, report: Report, package_dirs: tuple[str, ...]) -> Model:
     """Make the model; report what is wrong with it."""
-    armature, postures = settings.armature, {**robot.postures, **settings.postures}
+    own, postures = settings.joints, {**robot.postures, **settings.postures}
     moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in robot.held]
     keyframes = {
         name: (*(at.base if robot.base == "floating" else ()), *(at.joints[joint] for joint in moving))
@@ -169,7 +169,7 @@ def _model(path: Path, robot: Robot, settings: Settings, report: Report, package
         model = Model(
             name=robot.name,
             links=robot.links,
-            joints=tuple(replace(j, armature=armature[j.name]) if j.name in armature else j for j in robot.joints),
+            joints=tuple(replace(j, **own[j.name]) if j.name in own else j for j in robot.joints),
             base=robot.base or "fixed",
             locked=robot.held,
             servos={**robot.servos, **settings.servos},

@@ -13,6 +13,7 @@ from ..base.arguments import instance
 from ..base.files import complete_together
 from ..model import Ground, Joint, Link, Model
 from ..model.shapes import Hull, Mesh, Shape
+from .gazebo import FIELDS
 from .markup import comment, element
 from .mjcf.write import mjcf_text
 from .servos import PARTS
@@ -109,7 +110,12 @@ def _joint_lines(joint: Joint) -> list[str]:
     if joint.type != "fixed" and joint.mimic:
         parts["mimic"] = asdict(joint.mimic)
     inside = [line for tag, attributes in parts.items() for line in element(tag, attributes)]
-    return element("joint", {"name": joint.name, "type": joint.type}, inside)
+    spring = element("gazebo", {"reference": joint.name}, _spring_lines(joint)) if joint.stiffness else []
+    return [*element("joint", {"name": joint.name, "type": joint.type}, inside), *spring]
+
+
+def _spring_lines(joint: Joint) -> list[str]:
+    return [f"<{tag}>{float(getattr(joint, name))!r}</{tag}>" for tag, name in FIELDS.items()]
 
 
 def _stated_limits(joint: Joint) -> dict[str, float]:

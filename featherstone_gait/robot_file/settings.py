@@ -13,6 +13,7 @@ from .robot import Posture
 from .servos import read_servos
 from .toml import check_keys, number, read_toml, real, record, table_of
 
+JOINT = ("armature", "stiffness", "spring_reference")  # keys of [joints.NAME], fields of Joint
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
@@ -23,7 +24,7 @@ class Settings(NamedTuple):
     locked: Mapping[str, dict[str, float]] = {}  # set name -> joint name -> position
     servos: Mapping[str, Servo] = {}
     contacts: tuple[ContactPoint, ...] = ()
-    armature: Mapping[str, float] = {}  # joint name -> inertia [kg m^2 or kg]
+    joints: Mapping[str, dict[str, Any]] = {}  # joint name -> armature [kg m^2 or kg], stiffness and spring_reference
     keyframes: Mapping[str, tuple[float, ...]] = {}  # name -> q, of those given as a list
     postures: Mapping[str, Posture] = {}  # name -> posture, of those given by joint
     supply: Supply | None = None
@@ -38,7 +39,7 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
         raise ValueError(f"base is {table['base']!r}; expected 'fixed' or 'floating': use one of these")
     servos = read_servos(table_of(table, "servos", ""), joints, path.parent)
     locked = {name: _locked_set(table["locked"], name, joints) for name in table_of(table, "locked", "")}
-    armature = {name: _armature(table["joints"], name, joints) for name in table_of(table, "joints", "")}
+    own = {name: _joint(table["joints"], name, joints) for name in table_of(table, "joints", "")}
     named = table_of(table, "keyframes", "")
     postures = {name: _posture(named, name, joints) for name, q in named.items() if isinstance(q, dict)}
     keyframes = {name: _numbers(q, f"keyframes.{name}") for name, q in named.items() if name not in postures}
@@ -46,16 +47,16 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
     choice = _choice(contacts)
     points = () if choice else _contacts(contacts, links)
     supply = record(Supply, table_of(table, "supply", ""), "supply") if "supply" in table else None
-    return Settings(table.get("base"), locked, servos, points, armature, keyframes, postures, supply, choice)
+    return Settings(table.get("base"), locked, servos, points, own, keyframes, postures, supply, choice)
 
 
-def _armature(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> float:
+def _joint(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> dict[str, Any]:
     """Read [joints.NAME]."""
     if name not in {joint.name for joint in joints}:
         raise ValueError(f"joints: there is no joint {name!r}; expected one of the URDF's: correct the name")
     table = table_of(section, name, "joints.")
-    check_keys(table, ("armature",), f"joints.{name}")
-    return number(table, "armature", f"joints.{name}")
+    check_keys(table, JOINT, f"joints.{name}")
+    return {key: number(table, key, f"joints.{name}") for key in table}
 
 
 def _posture(keyframes: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> Posture:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +17,7 @@ from ..model.checks import check_angles
 from ..model.mass_checks import DEFINITE_TOLERANCE
 from ..model.rigid_bodies import inertia_tuple, turned_inertia
 from .collision import MeshFinder, read_shapes
+from .gazebo import read_gazebo
 from .grammar import label, tidy
 from .markup import Vector, number, number_or_inf, vector
 from .report import Report
@@ -49,13 +50,14 @@ def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, rep
         raise ValueError(f"root element is <{root.tag}>; expected <robot>, or <mujoco> of MJCF: convert the file")
     if len(root.findall("link")) > MAX_LINKS:
         raise ValueError(f"has {len(root.findall('link'))} links; at most {MAX_LINKS} are read: reduce them")
+    springs = read_gazebo(root, report)
     tidy(root, label(root), report)
     if "name" not in root.attrib:
         report.assume(root, "<robot>", "attribute 'name' is missing", f"called {path.stem!r}", "add it")
     links = tuple(_link(element, report, repair_inertia) for element in root.iterfind("link"))
     shapes = [shape for element in root.iterfind("link") for shape in read_shapes(element, meshes, report)]
     floating = [element for element in root.iterfind("joint") if element.get("type") == "floating"]
-    joints = tuple(_joint(element, report) for element in root.iterfind("joint") if element not in floating)
+    joints = tuple(_joint(element, springs, report) for element in root.iterfind("joint") if element not in floating)
     if floating:
         links = _without_world(links, joints, floating, report)
     return Robot(
@@ -78,9 +80,14 @@ def _link(element: Element, report: Report, repair_inertia: bool) -> Link:
     return link
 
 
-def _joint(element: Element, report: Report) -> Joint:
+def _joint(element: Element, springs: Mapping[str, dict[str, Any]], report: Report) -> Joint:
     """Read a joint; if anything is wrong with it, return a fixed one of its name between the same links."""
-    joint = _sound(element, report, _moving_joint)
+
+    def read(element: Element, what: str, report: Report) -> Joint:
+        joint = _moving_joint(element, what, report)
+        return joint if joint.type == "fixed" else replace(joint, **springs.get(joint.name, {}))
+
+    joint = _sound(element, report, read)
     if joint is None:
         parent, child = (_end(element, tag) for tag in ("parent", "child"))
         return Joint(_printable_name(element, report), "fixed", parent, child if child != parent else f"{child} ")

@@ -42,7 +42,7 @@ FIELDS = {  # numbers that may differ, by section
         if f.name not in ("controller", "gearbox", "law")
     ),
     "links": ("mass", "center_of_mass", "inertia"),
-    "joints": ("damping", "friction", "armature", "effort", "lower", "upper"),
+    "joints": ("damping", "friction", "armature", "effort", "lower", "upper", "stiffness", "spring_reference"),
     "supply": tuple(f.name for f in dataclasses.fields(Supply)),
 }
 WHOLE = ("ground", "supply")  # of which a scene has one

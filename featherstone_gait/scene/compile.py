@@ -26,6 +26,7 @@ from .contact import build_contact, standing_posture
 from .external import Push, build_pushes, build_springs
 from .firmware import build_firmware, build_supply
 from .friction import Friction, build_friction, sticks
+from .joint_spring import build_joint_springs, fold_joint_springs
 from .options import SceneOptions, check_options
 from .preflight import STIFF, Preflight, preflight
 from .stop import build_stops
@@ -285,12 +286,13 @@ def compile_scene(
     options = check_options(model, given)
     tree, drive, g = compile_tree(model), build_drive(model, options.gearbox), np.asarray(options.gravity)
     contact, ties = build_contact(model, tree, ground, g), build_springs(tree, options.springs)
-    friction = build_friction(model, drive)
-    check = preflight(model, drive, friction, ties, options)
+    friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
+    check = preflight(model, drive, friction, joint_springs, ties, options)
     method, h = _method(check.integrator, drive, friction), check.timestep
     period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
     ticks = round(period / h)
     fold_springs(drive, method, h, check.inertias)
+    fold_joint_springs(joint_springs, method, h, check.inertias)
     if method.drives or method.soft:  # takes another friction than the one that limits steps
         friction = build_friction(model, drive, bool(method.drives), method.soft)
     constants = Scene(
@@ -308,6 +310,7 @@ def compile_scene(
         coupling=tree.coupling,
         firmware=build_firmware(model, drive, h, ticks),
         supply=build_supply(model, drive),
+        joint_springs=joint_springs,
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)
     return CompiledScene(

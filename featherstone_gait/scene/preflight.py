@@ -16,14 +16,14 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..base.arguments import one_of, real
 from ..base.fixed_order import applied, product, solve
 from ..base.rotation import cross, dot
-from ..core.effects import contact, spring
+from ..core.effects import contact, joint_spring, spring
 from ..core.effects.friction import DRY
 from ..core.integrate import INTEGRATORS
 from ..dynamics import Wrench, coupling_matrix, forward_kinematics, inverse_dynamics, spring_vectors
@@ -102,7 +102,12 @@ class Preflight(NamedTuple):
 
 
 def preflight(
-    model: Model, drive: Drive, friction: Friction | None, springs: np.recarray | None, options: SceneOptions
+    model: Model,
+    drive: Drive,
+    friction: Friction | None,
+    joint_springs: np.recarray | None,
+    springs: np.recarray | None,
+    options: SceneOptions,
 ) -> Preflight:
     """Compute the limits of explicit steps, and choose the integrator and the step where they are not given.
 
@@ -111,7 +116,7 @@ def preflight(
     n, mobility = len(model.moving_joints), joint_mobility(model, drive.armature, options.springs)
     names = [*model.joint_names, *(f"{one.a} - {one.b}" for one in options.springs)]
     inertias = tuple(float(x) for x in 1.0 / np.diag(mobility)[:n])
-    dampers, stiff, rotors = _acting(drive, friction, springs, n)
+    dampers, stiff, rotors = _acting(drive, friction, joint_springs, springs)
     limits = []
     for k, (name, share) in enumerate(zip(names, np.diag(mobility))):
         each = ({cause: c[k] for cause, c in acting.items()} for acting in (dampers, stiff))
@@ -143,16 +148,18 @@ Acting: TypeAlias = dict[str, np.ndarray]  # dampers or springs of each joint an
 
 
 def _acting(
-    drive: Drive, friction: Friction | None, springs: np.recarray | None, n: int
+    drive: Drive, friction: Friction | None, joint_springs: np.recarray | None, springs: np.recarray | None
 ) -> tuple[Acting, Acting, np.ndarray | float]:
     """Return dampers [N m s/rad or N s/m], springs [N m/rad or N/m], and the mobility of rotors behind gears."""
     acting, rotors = explicit_limits(friction, drive), 0.0
     if drive.actuator is not None:
         *more, rotors = drive.actuator.explicit_limits()
         acting = acting[0] | more[0], acting[1] | more[1]
+    if joint_springs is not None:
+        acting = acting[0], acting[1] | joint_spring.explicit_limits(joint_springs)[1]
     if springs is None:
         return *acting, rotors
-    own, ends = np.zeros(n), np.zeros(len(springs))
+    own, ends = np.zeros(len(drive.servos)), np.zeros(len(springs))
     of_joints = ({cause: np.concatenate([c, ends]) for cause, c in one.items()} for one in acting)
     between = ({cause: np.concatenate([own, c]) for cause, c in one.items()} for one in spring.explicit_limits(springs))
     dampers, stiff = (a | b for a, b in zip(of_joints, between))
@@ -274,6 +281,7 @@ def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.n
     It is the generalized force that holds the robot against a pull of 1 N of the spring.
     """
     still, rotation = np.zeros(model.nv), forward_kinematics(model, q).rotation
+    alone: dict[str, Any] = {"stiffness": np.zeros(len(model.joint_names)), "gravity": (0.0, 0.0, 0.0)}
     rows = []
     for s, d in zip(springs, spring_vectors(model, springs, q)):
         length = math.sqrt(dot(d, d))
@@ -282,5 +290,5 @@ def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.n
             link: Wrench(force, cross(applied(rotation[model.link_index(link)], np.array(point)), force))
             for link, point, force in ((s.a, s.point_a, pull), (s.b, s.point_b, -pull))
         }
-        rows.append(inverse_dynamics(model, q, still, still, wrench=wrench, gravity=(0.0, 0.0, 0.0)))
+        rows.append(inverse_dynamics(model, q, still, still, wrench=wrench, **alone))
     return np.array(rows)

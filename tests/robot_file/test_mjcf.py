@@ -40,7 +40,7 @@ from featherstone_gait.robot_file.mjcf.tree import names_of
 from featherstone_gait.scene.actuator import build_drive
 
 OFF = mujoco.mjtDisableBit
-PASSIVE = OFF.mjDSBL_CONTACT | OFF.mjDSBL_CONSTRAINT | OFF.mjDSBL_SPRING | OFF.mjDSBL_DAMPER | OFF.mjDSBL_ACTUATION
+PASSIVE = OFF.mjDSBL_CONTACT | OFF.mjDSBL_CONSTRAINT | OFF.mjDSBL_DAMPER | OFF.mjDSBL_ACTUATION
 BALL = '<geom size="0.1" mass="1"/>'
 
 ODD = """
@@ -87,12 +87,17 @@ def robot(bodies, more=""):
 
 
 def passive_model(path):
-    """MuJoCo's model of a file, without contact, limits, friction, springs, damping, fluid and actuators."""
+    """MuJoCo's model of a file, without contact, limits, friction, damping, fluid and actuators.
+
+    The springs are those of hinges and slides.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of deprecated attributes
         m = mujoco.MjSpec.from_file(str(path)).compile()
     m.opt.disableflags = (m.opt.disableflags | PASSIVE) & ~int(OFF.mjDSBL_GRAVITY)
     m.opt.density = m.opt.viscosity = 0
+    m.tendon_stiffness[:] = 0.0
+    m.jnt_stiffness[m.jnt_type == mujoco.mjtJoint.mjJNT_FREE] = 0.0
     m.opt.gravity[:] = (0, 0, -9.81)
     return m
 
@@ -549,8 +554,9 @@ def test_all_reasons_come_at_once(write):
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        (robot(f'<body><joint name="j" stiffness="2"/>{BALL}</body>'), "springs"),
-        (robot(f'<body><joint name="j" stiffness="0 5 0"/>{BALL}</body>'), "springs"),
+        (robot(f'<body><joint type="free" stiffness="2"/>{BALL}</body>'), "stiffness of the free joint"),
+        (robot(f'<body><joint name="j" stiffness="0 5 0"/>{BALL}</body>'), "nonlinear stiffness"),
+        (robot(f'<body><joint name="j" stiffness="1" springyield="0.1"/>{BALL}</body>'), "yield"),
         (robot(f'<body><joint name="j" actuatorfrcrange="-1 2"/>{BALL}</body>'), "larger end of actuatorfrcrange"),
         (robot(f"<body><joint/>{BALL}</body>", NO % "gravity"), r"gravity=\(0, 0, 0\)"),
         (robot(f'<body><joint damping="1"/>{BALL}</body>', NO % "damper"), "switches off dampers"),
@@ -578,13 +584,15 @@ def test_what_changes_the_motion_is_warned_of_or_refused(write, text, word):
         load_robot(path, strict=True)
 
 
-def test_springs_that_are_switched_off_are_not_warned_of(write):
-    model = load_robot(write(robot(f'<body><joint stiffness="2"/>{BALL}</body>', NO % "spring")))
-    assert not any("spring" in note for note in model.notes)
+@pytest.mark.parametrize(("flag", "stiffness"), [("", 2.0), (NO % "spring", 0.0)])
+def test_springs_are_read_unless_they_are_switched_off(write, flag, stiffness):
+    model = load_robot(write(robot(f'<body><joint stiffness="2" springref="90"/>{BALL}</body>', flag)), strict=True)
+    (joint,) = model.joints
+    assert (joint.stiffness, joint.spring_reference) == (stiffness, pytest.approx(math.pi / 2 if stiffness else 0.0))
 
 
 def test_reasons_and_doubts_come_at_once(write):
-    text = robot(f'<body><joint type="ball"/>{BALL}<body><joint stiffness="2"/>{BALL}</body></body>', NO % "gravity")
+    text = robot(f'<body><joint type="ball"/>{BALL}<body><joint stiffness="0 2"/>{BALL}</body></body>', NO % "gravity")
     for strict, count in ((False, 1), (True, 3)):
         with pytest.raises(RobotFileError, match="ball joints") as error:
             load_robot(write(text), strict=strict)

@@ -678,6 +678,66 @@ def test_all_attributes_that_urdf_knows_are_legal(tmp_path):
     assert len(robot.notes) == 3
 
 
+SPRING = "<springStiffness>1.5</springStiffness><springReference>0.5</springReference>"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("gazebo", "expected"),
+    [
+        (f'<gazebo reference="hip"><implicitSpringDamper>1</implicitSpringDamper>{SPRING}</gazebo>', (1.5, 0.5)),
+        ('<gazebo reference="hip"><springStiffness value=" 2 "/></gazebo>', (2.0, 0.0)),
+        (f'<gazebo reference="hip">{SPRING}<springStiffness>3</springStiffness></gazebo>', (3.0, 0.5)),
+        (
+            '<gazebo reference="hip"><springStiffness>3</springStiffness></gazebo>'
+            '<gazebo reference="foot"><turnGravityOff>false</turnGravityOff></gazebo>'
+            '<gazebo reference="hip"><springReference>-1e-1</springReference><stopErp>0.2</stopErp></gazebo>',
+            (3.0, -0.1),
+        ),
+    ],
+)
+def test_springs_of_joints_are_those_of_gazebo(tmp_path, gazebo, expected):
+    path = write(tmp_path, swap(URDF, "</robot>", f"{gazebo}</robot>"))
+    hip, ankle = load_robot(path, strict=True).joints
+    assert (hip.stiffness, hip.spring_reference, ankle.stiffness) == (*expected, 0.0)
+    assert hip.damping == 0.01
+
+
+@pytest.mark.parametrize(
+    ("gazebo", "says"),
+    [
+        (f'<gazebo reference="knee">{SPRING}</gazebo>', "springReference"),
+        (f"<gazebo>{SPRING}</gazebo>", "springStiffness"),
+        ('<gazebo reference="hip"><axis><spring_stiffness>1</spring_stiffness></axis></gazebo>', "spring_stiffness"),
+        ('<gazebo reference="hip"><damping>0.7</damping></gazebo>', "damping"),
+        ('<gazebo reference="foot"><turnGravityOff>true</turnGravityOff></gazebo>', "turnGravityOff"),
+        ('<gazebo reference="foot"><gravity>0</gravity></gazebo>', "gravity"),
+        ('<gazebo reference="foot"><dampingFactor>0.1</dampingFactor></gazebo>', "dampingFactor"),
+        ('<gazebo><joint name="loop" type="revolute"/></gazebo>', "joint"),
+    ],
+)
+def test_what_gazebo_would_add_to_the_motion_is_warned_of_or_refused(tmp_path, gazebo, says):
+    path = write(tmp_path, swap(URDF, "</robot>", f"{gazebo}</robot>"))
+    with pytest.warns(RobotFileWarning, match=says):
+        robot = load_robot(path)
+    assert robot.joints[0].damping == (0.7 if says == "damping" else 0.01)
+    with pytest.raises(RobotFileError, match=says):
+        load_robot(path, strict=True)
+
+
+@pytest.mark.parametrize("stiffness", ["-1", "stiff", "", "nan"])
+def test_a_spring_that_is_none_is_refused(tmp_path, stiffness):
+    gazebo = f'<gazebo reference="hip"><springStiffness>{stiffness}</springStiffness></gazebo>'
+    with pytest.raises(RobotFileError, match="hip"):
+        load_robot(write(tmp_path, swap(URDF, "</robot>", f"{gazebo}</robot>")))
+
+
+def test_a_spring_of_the_toml_comes_before_that_of_gazebo(tmp_path):
+    text = swap(URDF, "</robot>", f'<gazebo reference="hip">{SPRING}</gazebo></robot>')
+    hip = load_robot(write(tmp_path, text, "[joints.hip]\nstiffness = 4\narmature = 0.1")).joints[0]
+    assert (hip.stiffness, hip.spring_reference, hip.armature) == (4.0, 0.5, 0.1)
+
+
 def test_a_default_namespace_changes_nothing(tmp_path):
     text = swap(URDF, '<robot name="bot">', '<robot name="bot" xmlns="http://www.ros.org">')
     assert load_robot(write(tmp_path, text)).links == load_robot(write(tmp_path)).links
@@ -1198,6 +1258,8 @@ def random_robot(seed):
             "effort": rng.uniform(1, 2),
             "damping": rng.uniform(),
             "friction": rng.uniform(),
+            "stiffness": rng.uniform(),
+            "spring_reference": rng.normal(),
         }
         limits = {"lower": -rng.uniform(), "upper": rng.uniform()} if kind in ("revolute", "prismatic") else {}
         parent = links[rng.integers(len(links) - 1)].name

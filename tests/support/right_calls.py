@@ -140,6 +140,7 @@ def _dynamics() -> Iterator[Call]:
         n = len(model.joint_names)
         extra: dict[str, Any] = {"armature": np.zeros(n), "gravity": g}
         pushed: dict[str, Any] = {"wrench": {model.links[0].name: fg.Wrench(np.ones(3), np.ones(3))}} | extra
+        pushed["stiffness"] = np.zeros(n)
         springs = [fg.Spring(model.links[0].name, model.links[1].name, (0.1, 0.0, 0.0), stiffness=10.0)]
         link, moving = model.links[-1].name, {"model": model, "q": q, "qd": v}
         yield Call("forward_dynamics", fg.forward_dynamics, moving | {"tau": v} | pushed)

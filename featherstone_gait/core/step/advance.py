@@ -11,6 +11,7 @@ from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
 from ..effects.friction import move_friction
 from ..effects.gear_friction import GearFriction
+from ..effects.joint_spring import plus_spring
 from ..effects.stop import move_stop
 from ..tree.kinematics import base_acceleration, move_base
 from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, rotor_speed, with_predicted
@@ -72,7 +73,8 @@ def _driving(friction, step, i, v, w):
     Tf = move_friction(friction, step, i, v)
     Ts = move_stop(step.scene.stops, step, i, v)
     T, _, _, _, _, _ = joint_force(friction, step, i, v, w)
-    return T - (Tf + Ts)
+    others, _ = plus_spring(step.scene.joint_springs, step, i, v, Tf + Ts, 0.0)
+    return T - others
 
 
 @_driving.of(GearFriction)

@@ -30,10 +30,11 @@ class Scene(NamedTuple):
     stops: np.ndarray | None  # (n,) STOP
     contact: tuple | None  # Contact
     push: np.ndarray | None  # (pushes,) PUSH
-    springs: np.ndarray | None  # (springs,) SPRING
+    springs: np.ndarray | None  # (springs,) SPRING, between bodies
     coupling: np.ndarray | None = None  # (couplings,) COUPLING
     firmware: Firmware = Firmware()
     supply: np.ndarray | None = None  # (1,) SUPPLY
+    joint_springs: np.ndarray | None = None  # (n,) JOINT_SPRING
 
 
 @structure

@@ -13,6 +13,7 @@ from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
 from ..effects.friction import direction, friction_rates
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
+from ..effects.joint_spring import plus_spring
 from ..effects.stop import stop_rates
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
@@ -32,7 +33,9 @@ def derivative(step, dy):
         T = plus_item(T, step.tau, i)
         y[offsets.torque + i] = T + 0.0 * speed
         dy[offsets.energy + ENERGIES * i + WORK] = T * speed
-        step.Z[TAU, i] = T + (Tf + stop_rates(scene.stops, step, dy, i, speed))
+        others = Tf + stop_rates(scene.stops, step, dy, i, speed)
+        others, _ = plus_spring(scene.joint_springs, step, i, speed, others, 0.0)
+        step.Z[TAU, i] = T + others
     contact_rates(scene.contact, step, dy)
     external_forces(scene.push, scene.springs, step)
     accelerations(_armature(scene.friction, step), scene.contact, step, a)

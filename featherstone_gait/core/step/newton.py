@@ -4,9 +4,9 @@ The velocity at the end of the substep h' = theta h (theta = 1: Euler, 1/2: midp
 
     M (v - v*) / h' = T(v),    v* = what the bias forces alone would give,
 
-where T collects servo, friction, stops and contacts.  Each of them is the gradient of a convex function of v with
-the sign reversed (a force that never rises with speed), so the solution is the minimum of a convex function, found by
-a semi-smooth Newton iteration: linearize T about the iterate, solve
+where T collects servo, friction, springs of joints, stops and contacts.  Each of them is the gradient of a convex
+function of v with the sign reversed (a force that never rises with speed), so the solution is the minimum of a convex
+function, found by a semi-smooth Newton iteration: linearize T about the iterate, solve
 
     (M + h' C) a = T(v_k) + C (v_k - v_p) - bias(v_p),    v = v_p + h' a,    C = -dT/dv,
 
@@ -40,6 +40,7 @@ from ..effects.contact import (
 )
 from ..effects.friction import direction, friction_torque, snap_to_rest
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
+from ..effects.joint_spring import plus_spring
 from ..effects.push import add_pushes
 from ..effects.spring import add_springs
 from ..effects.stop import stop_torque
@@ -111,7 +112,8 @@ def external_forces(push, springs, step):
 @inline
 def acting(step):
     """Return True, None where only gravity, bias forces and torques from outside act on the joints."""
-    return any_present(step.actuator, any_present(step.scene.friction, step.scene.stops))
+    own = any_present(step.scene.stops, step.scene.joint_springs)
+    return any_present(step.actuator, any_present(step.scene.friction, own))
 
 
 @inline
@@ -203,7 +205,8 @@ def joint_force(friction, step, i, v, w):
     """
     Tf, cf = friction_torque(friction, step, i, v)
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
-    T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, plus_item(Tf + Ts, step.tau, i), cf + cs)
+    T, c = plus_spring(step.scene.joint_springs, step, i, v, Tf + Ts, cf + cs)
+    T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, plus_item(T, step.tau, i), c)
     return T, F, c, cg, cr, cg
 
 
@@ -213,7 +216,8 @@ def _with_gear_friction(friction, step, i, v, w):
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
     Tf, cf, by_m = gear_friction_torque(friction, step, i, v, Tm)
     step.Z[DRIVE, i], step.Z[RUB, i] = Tm, Tf
-    return plus_item((Tm + Tf) + Ts, step.tau, i), F, c * (1.0 + by_m) + (cf + cs), cg, cr, cg * (1.0 + by_m)
+    T, ck = plus_spring(step.scene.joint_springs, step, i, v, (Tm + Tf) + Ts, cf + cs)
+    return plus_item(T, step.tau, i), F, c * (1.0 + by_m) + ck, cg, cr, cg * (1.0 + by_m)
 
 
 @inline

@@ -9,12 +9,12 @@ import numpy as np
 
 from ...base.flaws import quoted
 from . import equalities
-from .tree import BALL, FREE, Tree, moving_trees
+from .tree import BALL, FREE, NO_SPRINGS, Tree, moving_trees
 
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
 NO_CONSTRAINTS, NO_FRICTION, NO_LIMITS = 1 << 0, 1 << 2, 1 << 3
-NO_SPRINGS, NO_DAMPERS, NO_GRAVITY = 1 << 5, 1 << 6, 1 << 7
+NO_DAMPERS, NO_GRAVITY = 1 << 6, 1 << 7
 
 
 def refusals(m: Any, names: Tree) -> Iterator[str]:
@@ -44,13 +44,7 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     if drawn:
         yield f"ignored equalities {', '.join(drawn)}, which attach a body to a mocap body: not supported"
     yield from _tendons(m)
-    springs = [tree.joint_names[j] for j in range(m.njnt) if _nonzero(m, "jnt", "stiffness", j)]
-    if springs and not m.opt.disableflags & NO_SPRINGS:
-        yield f"ignored the springs (stiffness) of joints {quoted(springs)}: not supported"
-    poly = getattr(m, "dof_dampingpoly", np.zeros(m.nv))  # not of older versions
-    bent = [tree.joint_names[m.dof_jntid[k]] for k in range(m.nv) if np.any(poly[k])]
-    if bent:
-        yield f"ignored the nonlinear damping of joints {quoted(bent)}: only linear damping is supported"
+    yield from _nonlinear(m, tree)
     yield from _free_joint(m)
     yield from _switched_off(m)
     uneven = [tree.joint_names[j] for j in range(m.njnt) if m.jnt_actfrclimited[j] and m.jnt_actfrcrange[j].sum()]
@@ -59,6 +53,22 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     if m.opt.density or m.opt.viscosity:
         yield f"ignored a fluid (density {m.opt.density:g}, viscosity {m.opt.viscosity:g}): not supported"
     yield from _gravity(m, tree)
+
+
+def _nonlinear(m: Any, tree: Tree) -> Iterator[str]:
+    """Yield what joints have besides linear springs and dampers, since MuJoCo 4."""
+    own = range(m.njnt)
+    parts = {
+        "nonlinear stiffness": [j for j in own if np.any(getattr(m, "jnt_stiffnesspoly", np.zeros(m.njnt))[j])],
+        "plastic yield of the springs": [j for j in own if getattr(m, "jnt_springyield", np.zeros(m.njnt))[j]],
+        "nonlinear damping": [
+            m.dof_jntid[k] for k in range(m.nv) if np.any(getattr(m, "dof_dampingpoly", np.zeros(m.nv))[k])
+        ],
+    }
+    for what, joints in parts.items():
+        if joints and not (what != "nonlinear damping" and m.opt.disableflags & NO_SPRINGS):
+            names = quoted([tree.joint_names[j] for j in joints])
+            yield f"ignored the {what} of joints {names}: only linear springs and dampers are supported"
 
 
 def _switched_off(m: Any) -> Iterator[str]:
@@ -88,6 +98,8 @@ def _free_joint(m: Any) -> Iterator[str]:
     for j in np.flatnonzero(m.jnt_type == FREE):
         dofs = slice(m.jnt_dofadr[j], m.jnt_dofadr[j] + 6)
         stated = [w for w in ("armature", "damping", "frictionloss") if np.any(getattr(m, f"dof_{w}")[dofs])]
+        if m.jnt_stiffness[j] and not m.opt.disableflags & NO_SPRINGS:
+            stated.append("stiffness")
         if stated:
             yield f"ignored {', '.join(stated)} of the free joint: not supported for a floating base"
 

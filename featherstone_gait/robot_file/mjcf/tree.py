@@ -22,6 +22,7 @@ FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)  # mjtGeom
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 NO_STOP = 1e10  # a range this wide is none
+NO_SPRINGS = 1 << 5  # mjtDisableBit, of <flag>
 
 
 class Tree(NamedTuple):
@@ -167,7 +168,15 @@ def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E:
         damping=float(m.dof_damping[dof]),
         friction=float(m.dof_frictionloss[dof]),
         armature=float(m.dof_armature[dof]),
+        **_spring(m, j),
     )
+
+
+def _spring(m: Any, j: int) -> dict[str, Any]:
+    """Return stiffness and reference of a joint's spring; nothing if it has none, or a <flag> switches it off."""
+    if m.opt.disableflags & NO_SPRINGS or not m.jnt_stiffness[j]:
+        return {}
+    return {"stiffness": float(m.jnt_stiffness[j]), "spring_reference": float(m.qpos_spring[m.jnt_qposadr[j]])}
 
 
 def vector(values: np.ndarray) -> tuple[float, float, float]:

@@ -177,6 +177,8 @@ def _joint_lines(model: Model, joint: Joint, at: Pose, body: Pose) -> list[str]:
         "armature": armature or None,
         "damping": damping or None,
         "frictionloss": friction or None,
+        "stiffness": joint.stiffness or None,
+        "springref": joint.spring_reference if joint.stiffness else None,
         "actuatorfrcrange": (-effort, effort) if effort < math.inf else None,
     }
     return element("joint", attributes)

@@ -216,10 +216,12 @@ def _inverse_inertia(model: Model, link: Link) -> float:
     if model.base == "floating":
         q[3] = 1.0
     armature = np.array([joint.armature + rotor_inertia(model.servos.get(joint.name)) for joint in model.moving_joints])
-    still, none = np.zeros(model.nv), (0.0, 0.0, 0.0)
+    still, slack, none = np.zeros(model.nv), np.zeros(len(armature)), (0.0, 0.0, 0.0)
     total = 0.0
     for e in np.eye(3):
         wrench = {link.name: Wrench(e, np.cross(link.center_of_mass, e))}
-        qd = forward_dynamics(model, q, still, still, wrench=wrench, armature=armature, gravity=none)
+        qd = forward_dynamics(
+            model, q, still, still, wrench=wrench, armature=armature, stiffness=slack, gravity=none
+        )
         total += 2.0 * float(energy(model, q, qd, armature=armature, gravity=none).kinetic) / 3.0
     return total

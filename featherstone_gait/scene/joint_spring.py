@@ -1,0 +1,30 @@
+"""Build the springs of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..core.effects.joint_spring import JOINT_SPRING
+from ..core.integrate.integrator import Integrator
+from ..model import Model
+from .records import filled
+
+
+def build_joint_springs(model: Model) -> np.recarray | None:
+    """Build the JOINT_SPRING records, None if no joint has a spring."""
+    table = filled(JOINT_SPRING, [(joint,) for joint in model.moving_joints])
+    return table if table.stiffness.any() else None
+
+
+def fold_joint_springs(
+    springs: np.recarray | None, integrator: Integrator, h: float, inertias: Sequence[float]
+) -> None:
+    """Take the springs at the end of the implicit step h [s] only where their periods need it, all or none.
+
+    The largest (h omega)^2 of the robot is at most the sum of those of the joints, h^2 K / inertia, each with the
+    inertia [kg m^2 or kg] that its joint feels; at the start of the step springs are stable while it is below 4.
+    """
+    if springs is not None:
+        springs.fold = integrator.folds_spring or h * h * float((springs.stiffness / np.array(inertias)).sum()) > 1.0
