@@ -7,9 +7,10 @@ are in `featherstone_gait.walking`, optimizers in `featherstone_gait.search`.
 import re
 from importlib import import_module
 from pkgutil import get_data
+from sys import modules
 from typing import Any
 
-from .base.deprecated import renamed
+from .base.deprecated import MOVED, renamed
 
 __version__ = "0.2.0.dev0"
 
@@ -43,4 +44,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    rooms = [name for name in globals() if f"{__name__}.{name}" in {*modules} - MOVED]
+    return sorted({*__all__, *rooms, *(name for name in globals() if name.startswith("__"))})

@@ -17,12 +17,14 @@ from typing import Any, TypeVar
 UNTIL = "0.4"
 PACKAGE = str(Path(__file__).parents[1])
 CONTEXT = str(dataclasses.__file__)  # where `dataclasses.replace` is
+MOVED: set[str] = set()  # old modules that were imported
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
 
 def moved(module: str, target: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Make the `__getattr__` and the `__dir__` of a module whose names have moved to `target`."""
+    MOVED.add(module)
 
     def __dir__() -> list[str]:
         there = import_module(target)
@@ -56,14 +58,26 @@ def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
     return __getattr__
 
 
-def method(name: str, target: str) -> Callable[..., Any]:
+class _Old(property):
+    """An old name of what a class has, which `dir` of its objects leaves out."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        owner.__dir__ = _current_names  # type: ignore[assignment, method-assign]
+
+
+def _current_names(self: object) -> list[str]:
+    old = {name for kind in type(self).__mro__ for name, value in vars(kind).items() if isinstance(value, _Old)}
+    return sorted({*object.__dir__(self)} - old)
+
+
+def method(name: str, target: str) -> Any:
     """Make the method `name` that is the function `target` ("module:name") now, with the object as first argument."""
 
     def call(self: Any, *arguments: Any, **options: Any) -> Any:
         warn(name, target.replace(":", "."))
         return resolve_name(target)(self, *arguments, **options)
 
-    return call
+    return _Old(lambda self: functools.partial(call, self), doc=f"The old name of `{target.replace(':', '.')}`.")
 
 
 def warn(old: str, new: str) -> None:
@@ -114,6 +128,7 @@ def fields(**names: str) -> Callable[[type[T]], type[T]]:
         cls.__init__ = keywords(True, **names)(cls.__init__)  # type: ignore[method-assign]
         for old, new in names.items():
             setattr(cls, old, attribute(old, new))
+            getattr(cls, old).__set_name__(cls, old)
         return cls
 
     return decorate
@@ -127,4 +142,4 @@ def attribute(old: str, new: str) -> Any:
         warn(f"{name}.{old}", f"{name}.{new}")
         return getattr(self, new)
 
-    return property(read, doc=f"The old name of `{new}`.")
+    return _Old(read, doc=f"The old name of `{new}`.")

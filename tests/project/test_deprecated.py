@@ -53,7 +53,30 @@ def test_an_old_path_lists_the_names_of_the_new_one(old, name):
 
 
 def test_the_package_lists_its_names():
-    assert set(featherstone_gait.__all__) <= set(dir(featherstone_gait))
+    names = [name for name in dir(featherstone_gait) if not name.startswith("__")]
+    assert {*featherstone_gait.__all__} <= {*names}
+    assert len({*names}) == len(names)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        for old, _ in PATHS:
+            importlib.import_module(f"featherstone_gait.{old}")
+    listed = {*dir(featherstone_gait)}
+    assert "base" in listed
+    assert not {"re", "import_module", "renamed", *NAMES, *(old for old, _ in PATHS)} & listed
+    assert {*featherstone_gait.optimize.__all__} <= {*dir(featherstone_gait.optimize)}
+
+
+def test_objects_list_current_names_alone():
+    run = featherstone_gait.Trajectory({"time": np.zeros(1)}, "ok", "", 0.0, np.zeros(0))
+    for one, old, new in (
+        (run, "companion", "second_final"),
+        (run, "plot", "save"),
+        (featherstone_gait.Ground(), "sinking", "penetration"),
+        (featherstone_gait.Distribution("normal", 0.1), "width", "scale"),
+        (featherstone_gait.load_robot("arm7"), "show_tree", "joint"),
+    ):
+        assert hasattr(type(one), old)
+        assert {old, new} & {*dir(one)} == {new}
 
 
 @pytest.mark.parametrize("old", NAMES)
