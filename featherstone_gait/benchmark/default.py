@@ -27,8 +27,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..run.error_estimate import SPEED_LIMIT
 from ..run.trajectory import Trajectory, positions
 from ..scene.compile import CompiledScene
@@ -96,7 +96,7 @@ def run(
     print(host)
 
     def found(worker: Worker) -> Iterator[Row]:
-        for case in tqdm(cases(full, robots, skipped), desc="cases", leave=False, disable=None):
+        for case in progress_bar(cases(full, robots, skipped), desc="cases", leave=False):
             exact = truth(case, worker, references or cache_folder())
             if exact is None or exact.known < 2:
                 skipped.append(f"{case.name}: no reference within the limit of time")

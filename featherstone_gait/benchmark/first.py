@@ -16,8 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-from tqdm import tqdm
-
+from ..base.progress import progress_bar
 from .table import machine, tabulate
 
 TIMED = """
@@ -100,7 +99,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     print(host)
     with tempfile.TemporaryDirectory() as folder:
         programs = PROGRAMS | {"featherstone-gait simulate arm7": COMMAND.format(folder=f"{folder}/out")}
-        bar = tqdm(programs.items(), desc="first results", unit="kind", disable=None, leave=False)
+        bar = progress_bar(programs.items(), desc="first results", unit="kind", leave=False)
         return tabulate(out_dir / "first.csv", Row, (_row(kind, code, folder, full) for kind, code in bar), host)
 
 

@@ -30,8 +30,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..core.compile.lanes import WIDTH
 from ..core.integrate.rollout import rollout_lanes
 from ..model import Model
@@ -116,10 +116,10 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
     repeats, host = REPEATS_FULL if full else REPEATS, machine()
     print(host)
     robots = [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(chain, LENGTHS)]
-    bar = tqdm(robots, "forward dynamics", disable=None)
+    bar = progress_bar(robots, "forward dynamics")
     speeds = [row for model in bar for row in forward_dynamics(model, repeats)]
     with engines.quick_mujoco():
-        speeds += [chain_step(links, repeats) for links in tqdm(LENGTHS, "chains", disable=None)]
+        speeds += [chain_step(links, repeats) for links in progress_bar(LENGTHS, "chains")]
         for problem in humanoids():
             speeds += [row for integrator in FIXED for row in _own_steps(problem, integrator, repeats)]
             speeds += _mujoco_steps(problem, repeats)
@@ -244,7 +244,7 @@ def trajectories(problem: Case, repeats: int) -> list[Point]:
     ]
     q0, _ = problem.coordinates
     methods = {**mujoco_methods(problem), **scipy_methods(problem)}
-    for name, (settings, solve) in tqdm(methods.items(), desc=f"peers: {problem.name}", leave=False, disable=None):
+    for name, (settings, solve) in progress_bar(methods.items(), desc=f"peers: {problem.name}", leave=False):
         for setting in settings:
             try:
                 q, least = _timed(functools.partial(solve, setting, q0), repeats)

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from ..base.files import number, read_csv
+from ..base.progress import progress_bar
 from ..core.integrate import INTEGRATORS
 from ..run.trajectory import positions
 from ..view.style import look, subplots
@@ -78,7 +78,7 @@ def measure(case: Case, repeats: int = REPEATS, settings: Sequence[Setting] = ()
     tried = settings or case.settings
     for integrator in dict.fromkeys(integrator for integrator, _ in tried):
         case.ready(integrator, max(value for name, value in tried if name == integrator)).once()  # compiles
-    bar = tqdm(tried, desc=case.name, leave=False, disable=None)
+    bar = progress_bar(tried, desc=case.name, leave=False)
     return [_row(case, integrator, value, exact, own_error, repeats) for integrator, value in bar]
 
 

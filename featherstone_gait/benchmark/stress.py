@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..core.integrate import INTEGRATORS
 from ..run.trajectory import positions
 from ..view.style import look, subplots
@@ -53,7 +53,7 @@ class Row(NamedTuple):
 
 def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Print the table; write stress.csv and stress.png into `out_dir`; `full` adds steps of 0.2, 2 and 20 ms."""
-    host, cases = machine(), tqdm(stressed(full), desc="cases", leave=False, disable=None)
+    host, cases = machine(), progress_bar(stressed(full), desc="cases", leave=False)
     print(host)
     rows = tabulate(out_dir / "stress.csv", Row, (row for case in cases for row in judged(case)), host)
     counts = Counter(row.verdict for row in rows)

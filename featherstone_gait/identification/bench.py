@@ -35,12 +35,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from tqdm import tqdm
 
 from ..base.arguments import instance, one_of, real
 from ..base.arguments import path as path_of
 from ..base.brief import brief, in_full
 from ..base.files import FilePath, Format
+from ..base.progress import progress_bar
 from ..model import Controller, Gearbox, Joint, Link, Model, Servo
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
@@ -379,7 +379,7 @@ def fit_servo(
         one_of("held", name, (*every, *FIELDS["servos"]))
     names = tuple(name for name in (*BASE, *MODELS[friction], *TIMES, *more) if name not in held)
     key = _key(bench, recordings, names, held)
-    with tqdm(disable=not progress, desc=f"identify {bench.name} {friction}", unit="evaluation") as bar:
+    with progress_bar(progress=progress, desc=f"identify {bench.name} {friction}", unit="evaluation") as bar:
         work = _Residuals(_Rollouts(bench, recordings), {name: every[name] for name in names}, held, bar.update)
         row = _searched(work, key, log)
         x = np.array(row["x"])

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..core.effects.energies import METER
 from ..run.trajectory import Trajectory
 from ..walking import limits
@@ -89,7 +89,7 @@ def measure_in_test_worlds(
     longer = replace(cost, strides=TEST_STRIDES)
     worlds = in_worlds(longer, count, TEST_SEED, timestep=FINER * cost.scene.timestep)
     rows = []
-    for x in tqdm(gaits, desc=f"{count} other worlds", unit="gait", disable=not progress):
+    for x in progress_bar(gaits, desc=f"{count} other worlds", unit="gait", progress=progress):
         (measures,) = worlds.measure([x])
         walks = [one for one in measures if one.status == "ok"]
         each = [one.cost if one.status == "ok" else None for one in measures]

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import OptimizeResult
-from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import in_worlds
 from ..walking.feedback import BalancedWalk
@@ -68,7 +68,7 @@ def choose_gait(
     order = sorted(met, key=lambda k: (-met[k], tried["f"][k]))[:best]
     worlds = in_worlds(replace(cost, strides=TEST_STRIDES), WORLDS, SEED, timestep=FINER * cost.scene.timestep)
     rows: list[dict[str, Any]] = []
-    for k in tqdm(order, desc=f"selection in {WORLDS} worlds", unit="gait", disable=not progress):
+    for k in progress_bar(order, desc=f"selection in {WORLDS} worlds", unit="gait", progress=progress):
         walks, price = worlds.verified(tried["x"][k])
         rows.append({"candidate": k, "searched": float(tried["f"][k]), "kept": met[k], "walks": walks, "cost": price})
     first = min(rows, key=lambda row: (row["walks"] < 1.0 - 1.0 / WORLDS, -row["kept"], -row["walks"], row["cost"]))

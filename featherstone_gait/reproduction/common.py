@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..model import Model
 from ..view.style import BLUE, COLORS, ORANGE
 from ..view.style import subplots as subplots
@@ -45,7 +45,7 @@ def in_threads(
     """Apply a function to each item, one thread for each core; return the results in the order of the items."""
     todo = list(items)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(tqdm(pool.map(function, todo), label, len(todo), disable=not progress, unit=unit))
+        return list(progress_bar(pool.map(function, todo), label, len(todo), progress=progress, unit=unit))
 
 
 def draw_band(axes: Axes, x: ArrayLike, curves: Sequence[np.ndarray] | np.ndarray, color: str, label: str) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..optimize.planning import walking_cost
 from ..optimize.quality import Quality, measure_quality
 from ..optimize.search import optimize_gait
@@ -74,7 +75,7 @@ class CompleteHumanoidResult:
 
 def run(settings: CompleteHumanoidSettings = QUICK, seed: int = 0, progress: bool = False) -> CompleteHumanoidResult:
     """Run the searches of both robots, seeded by `seed` and the numbers that follow."""
-    with tqdm(disable=not progress, total=len(ROBOTS) * settings.searches, unit="search") as bar:
+    with progress_bar(progress=progress, total=len(ROBOTS) * settings.searches, unit="search") as bar:
         walks = {name: _walk(settings, locked, seed, bar) for name, locked in ROBOTS.items()}
     return CompleteHumanoidResult(settings, walks)
 

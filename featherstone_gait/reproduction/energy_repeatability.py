@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..run.simulate import standing_state
 from ..scene.compile import GearboxKind
 from ..view.style import BLUE, ORANGE, look
@@ -130,7 +130,7 @@ def run(settings: EnergySettings = QUICK, seed: int = 0, progress: bool = False)
     unsaid = [*(("mass", x) for x in settings.masses), *(("step", h) for h in settings.steps)]
     cases = [(model, source) for model in MODELS for source in sources + unsaid * (model[1] == EXPLICIT)]
     planned = planned_walk()
-    for model, source in tqdm(cases, "energy", disable=not progress, unit="case"):
+    for model, source in progress_bar(cases, "energy", progress=progress, unit="case"):
         what, size = source if isinstance(source, tuple) else (source, 1.0)
         changed = {"mass": {"mass": size}, "step": {"timestep": size}}.get(what, {})
         cost = gait_cost(settings, planned, *model, **changed)

@@ -27,8 +27,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..core.compile.jit import source_hash
 from ..core.effects.energies import METER
 from ..model import Ground, Model
@@ -166,7 +166,7 @@ def run(settings: GaitSearchSettings = QUICK, seed: int = 0, progress: bool = Fa
     """Make all searches, seeded by `seed` and the numbers that follow, and evaluate the gaits found."""
     counts = [settings.searches if c in (MIPSD, STANDARD) else settings.noisy_searches for c in CONDITIONS]
     todo = [(condition, seed + k) for condition, count in zip(CONDITIONS, counts) for k in range(count)]
-    bar = tqdm(todo, "searches", disable=not progress, unit="search")
+    bar = progress_bar(todo, "searches", progress=progress, unit="search")
     planned = planned_walk()
     searches = tuple(_search(settings, planned, condition, each) for condition, each in bar)
     first, found = {}, {}

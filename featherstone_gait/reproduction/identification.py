@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
 from ..base.portable_math import sincos
+from ..base.progress import progress_bar
 from ..identification import MOTOR_OFF, Identification, Recording, changed, identify, prediction_error
 from ..identification.fit import STEP
 from ..identification.recording import EARLY
@@ -88,7 +88,7 @@ def run(settings: IdentificationSettings = QUICK, seed: int = 0, progress: bool 
     without_rotor = _fit(start, recordings, dict(SERVO), "standard")
     paper = _fit(arm, record(settings, arm, settings.gains, seeds[2]), truth)
     fits = [fit]
-    for other in tqdm(seeds[3:], disable=not progress, desc="other seeds"):
+    for other in progress_bar(seeds[3:], progress=progress, desc="other seeds"):
         fits.append(_fit(changed(arm, **truth), record(settings, changed(arm, **truth), settings.gains, other), truth))
     models: dict[str, tuple[Model, GearboxKind]] = {"Table 2": (arm, "mipsd"), "fitted": (fit.model, "mipsd")}
     models["without rotor"] = without_rotor.model, "standard"

@@ -31,9 +31,9 @@ from weakref import finalize
 
 import numpy as np
 from scipy.linalg import expm
-from tqdm import tqdm
 
 from ..base.files import Format, read_csv, write_csv
+from ..base.progress import progress_bar
 from ..core.effects.push import EVENT_MARGIN
 from ..crosscheck.floors import STRIDES, WARM_UP
 from ..crosscheck.in_mujoco import RADIUS, SETTLING, TIMESTEP, evaluated, standing
@@ -320,7 +320,7 @@ def study(path: Path) -> None:
     scene = humanoid()
     rows, keys = kept(path, notes), [*product(GAITS, FLOORS, map(str, FRICTIONS))]
     todo = [key for key in keys if key not in rows]
-    for gait, floor, friction in tqdm(todo, total=len(keys), initial=len(keys) - len(todo), unit="walk"):
+    for gait, floor, friction in progress_bar(todo, total=len(keys), initial=len(keys) - len(todo), unit="walk"):
         file, first = GAITS[gait]
         motion = read_motion(PACKAGE.parent / file, scene.model.joint_names, first=first)
         walked = walk(scene, motion, FLOORS[floor]._replace(friction=float(friction)))

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from ..base.files import Format, read_json
+from ..base.progress import progress_bar
 from ..benchmark.robots import folders
 from ..crosscheck import crosscheck, motion_of
 from ..model import Ground, Model
@@ -212,7 +212,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     rows: list[list] = []
     worlds: list[list] = []
-    for name in tqdm(ROBOTS, unit="robot"):
+    for name in progress_bar(ROBOTS, unit="robot"):
         walked = gaits(name, folder)
         worlds += worth_of(name, folder, *walked)
         own_table = args.table.with_name(f"{args.table.stem}_worlds.csv")

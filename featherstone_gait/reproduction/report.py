@@ -27,10 +27,9 @@ from string import Template
 from traceback import extract_tb
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
-from tqdm import tqdm
-
 from .. import __version__
 from ..base.files import FilePath, Format, complete, write_csv
+from ..base.progress import progress_bar
 from . import EXPERIMENTS
 from .claim import Claim, Verdict
 from .items import ITEMS
@@ -90,7 +89,7 @@ def reproduce(
     files.mkdir(parents=True, exist_ok=True)
     chosen = [name for name in EXPERIMENTS if not names or name in names]
     entries = {name: _finished(files, name, full, seed) or Entry(name, name) for name in chosen}
-    with tqdm(entries, disable=not progress, unit="experiment") as bar:
+    with progress_bar(entries, progress=progress, unit="experiment") as bar:
         for name in bar:
             bar.set_description(name)
             if not entries[name].finished:

@@ -16,8 +16,8 @@ from itertools import product
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
+from ..base.progress import progress_bar
 from ..identification import changed
 from ..model import Ground
 from ..optimize.search import optimize_gait
@@ -98,7 +98,7 @@ def run(settings: RobustnessSettings = QUICK, seed: int = 0, progress: bool = Fa
     loose = _with(planned, "backlash", settings.known_backlash)
     gaits, vectors = [PLANNED], [planned.gait.to_vector()]
     total = 2 * settings.searches
-    with tqdm(total=total, disable=not progress, unit="search") as bar:
+    with progress_bar(total=total, progress=progress, unit="search") as bar:
         for (name, cost), k in product((("found", planned), ("knew", loose)), range(settings.searches)):
             n = settings.iterations
             gaits.append(f"{name} {k + 1}")

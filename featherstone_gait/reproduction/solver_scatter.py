@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ..base.files import FilePath, Format, read_csv, write_csv
+from ..base.progress import progress_bar
 from ..run.reference import Reference
 from ..run.simulate import initial_state, standing_state
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
@@ -253,7 +253,7 @@ def work_out(
     known = {(row.gearbox, row.step, row.iterations, row.mass, row.runs) for row in rows}
     left = [s for s in map_settings(settings) if (*astuple(s), settings.map_runs) not in known]
     planned = planned or planned_walk()
-    for setting in tqdm(left, "map", disable=not progress):
+    for setting in progress_bar(left, "map", progress=progress):
         rows.append(walk(settings, planned, setting, settings.map_runs, seed)[1])
         if path is not None:
             write_map(path, rows)

@@ -29,9 +29,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult
-from tqdm import tqdm
 
 from ..base.files import Format
+from ..base.progress import progress_bar
 from ..optimize.search import AMPLITUDE, MAX_MISS, optimize_gait
 from ..scene.compile import GearboxKind
 from ..search import minimize
@@ -150,7 +150,7 @@ class StopResult:
 def run(settings: StopSettings = QUICK, seed: int = 0, progress: bool = False) -> StopResult:
     """Make all searches, seeded by `seed` and the numbers that follow."""
     todo = [*product(range(settings.searches), settings.conditions)]
-    bar = tqdm(todo, "searches", disable=not progress, unit="search")
+    bar = progress_bar(todo, "searches", progress=progress, unit="search")
     return StopResult(settings, tuple(search(settings, condition, seed + k) for k, condition in bar))
 
 
@@ -421,7 +421,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = str(args.table.with_suffix("")) + "_searches"
     settings = replace(FULL, iterations=args.iterations, searches=args.searches, folder=folder)
     rows = []
-    for k, condition in tqdm([*product(range(settings.searches), settings.conditions)], unit="search"):
+    for k, condition in progress_bar([*product(range(settings.searches), settings.conditions)], unit="search"):
         rows.append(search(settings, condition, k).row)
         write_rows(args.table, TABLE, rows, __file__)
     return 0

@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ..base.files import Format
+from ..base.progress import progress_bar
 from ..optimize.quality import TEST_WORLDS, measure_in_test_worlds
 from ..optimize.search import AMPLITUDE, optimize_gait
 from ..search import cma_es
@@ -113,7 +113,7 @@ def study(
     todo = [(FIRST, 0, 0), *((method, worlds, seed) for seed, worlds, method in
                              product(range(searches), WORLDS, METHODS))]  # fmt: skip
     program, rows = digest(*(PACKAGE / file for file in SEARCHED_WITH)), []
-    for what in tqdm(todo, unit="search"):
+    for what in progress_bar(todo, unit="search"):
         key = hashlib.sha256(f"{what} {candidates} {unseen} {AMPLITUDE} {program}".encode()).hexdigest()[:12]
         name = "_".join(map(str, what)).replace(" ", "_")
         content = kept(folder / f"{name}_{key}.json", SEARCH, partial(_searched, what, candidates, unseen))

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeResult
-from tqdm import tqdm
 
 from ..base.arguments import functions, path, truth, whole
+from ..base.progress import progress_bar
 from .annealing import MESSAGES, AdaptiveSimulatedAnnealing
 from .ask_tell import Cost, Map, check_map
 from .history import AnnealingHistory
@@ -94,7 +94,7 @@ def minimize(
     history = None if history is None else path("history", history)
     log = None if history is None else AnnealingHistory(Path(history), search, resume)
     steps = _in_batches(search, fun, map, batch) if evaluate is None else _speculating(search, evaluate)
-    bar = tqdm(total=max_iterations + 1, initial=search.iteration, disable=not progress, unit="candidate")
+    bar = progress_bar(total=max_iterations + 1, initial=search.iteration, progress=progress, unit="candidate")
     status: int | None = 2
     with nullcontext() if log is None else closing(log), bar, closing(steps), suppress(KeyboardInterrupt):
         for statuses in steps:

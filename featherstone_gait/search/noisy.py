@@ -24,9 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import OptimizeResult
-from tqdm import tqdm
 
 from ..base.arguments import functions, truth, whole
+from ..base.progress import progress_bar
 from .annealing import MESSAGES
 from .ask_tell import Answer, Map, Search, check_map, check_search
 from .run import costs_of
@@ -94,7 +94,7 @@ def minimize_noisy(
         raise ValueError("the search has begun with other costs; give a new one")
     noisy = _NoisySearch(fun, search, repeats, seed, map)
     status = 2
-    with tqdm(disable=not progress, unit="candidate") as bar, suppress(KeyboardInterrupt):
+    with progress_bar(progress=progress, unit="candidate") as bar, suppress(KeyboardInterrupt):
         while search.status is None:
             noisy.advance(batch)
             bar.update(noisy.iteration - bar.n)

@@ -8,9 +8,9 @@ from itertools import islice
 
 import numpy as np
 from scipy.optimize import OptimizeResult
-from tqdm import tqdm
 
 from ..base.arguments import functions, listed, truth, whole
+from ..base.progress import progress_bar
 from .ask_tell import Answer, Cost, Map, Search, check_map, check_search
 
 MESSAGES = {
@@ -82,7 +82,7 @@ def run_together(
     check_map(fun, map)
     progress, evaluations, batch = truth("progress", progress), int(evaluations), int(batch)
     runs = [_Run(search, evaluations) for search in searches]
-    bar = tqdm(total=len(runs) * evaluations, disable=not progress, unit="candidate")
+    bar = progress_bar(total=len(runs) * evaluations, progress=progress, unit="candidate")
     with bar, suppress(KeyboardInterrupt):
         while active := [one for one in runs if one.status is None]:
             share, rest = divmod(batch, len(active))  # of the candidates evaluated at once

@@ -20,6 +20,7 @@ from tqdm import tqdm
 from ..base.arguments import shown
 from ..base.files import FilePath, Format, is_number, parse_json
 from ..base.line_file import LineFile
+from ..base.progress import progress_bar
 from ..core import ADDING_INTEGRATORS, add_integrators
 from .measures import COLUMNS, run_batch
 from .plot import plot_study
@@ -104,7 +105,7 @@ def run_study(
     table = folder / f"{study.name}.csv"
     with Log(table.with_suffix(".jsonl"), study) as log:
         computed = len(study) - log.count
-        with tqdm(total=len(study), initial=log.count, disable=not progress, unit="run") as bar:
+        with progress_bar(total=len(study), initial=log.count, progress=progress, unit="run") as bar:
             if executor is not None:
                 _evaluate(study, log, executor, batch, bar)
             elif computed:

@@ -34,11 +34,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import hadamard
 from scipy.optimize import OptimizeResult
-from tqdm import tqdm
 
 from ..base.arguments import instance, whole
 from ..base.fixed_order import applied, product, solve, total
 from ..base.line_file import LineFile
+from ..base.progress import progress_bar
 from ..run.status import Status
 from ..run.trajectory import Trajectory
 from . import limits
@@ -231,7 +231,7 @@ def descend(
     starts = [cost.gait.to_vector()] if starts is None else list(starts)
     log = _History(history, {"search": HISTORY, "version": 1, "seed": seed, "x0": starts[0].tolist()}, resume)
     interrupted = True
-    bar = tqdm(total=steps, disable=not progress, unit="step", desc="within limits")
+    bar = progress_bar(total=steps, progress=progress, unit="step", desc="within limits")
     with closing(log), bar, suppress(KeyboardInterrupt):
         point, radius = _begin(descent, starts, log)
         for k in range(len(log.lines) - 1, steps if math.isfinite(point.cost) else 0):
