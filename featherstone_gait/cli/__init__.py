@@ -46,15 +46,15 @@ def main(argv: list[str] | None = None) -> int:
     if args.run is None:
         parser.print_help()
         return 0
-    outputs = _Output("standard output", sys.stdout), _Output("errors", sys.stderr)
-    with redirect_stdout(outputs[0]), redirect_stderr(outputs[1]), _plain_warnings():
+    outputs = _Output("standard output", sys.stdout), _Output("errors", sys.stderr, getattr(args, "quiet", False))
+    with redirect_stdout(outputs[0]), redirect_stderr(outputs[1]), _plain_warnings(args.command):
         try:
             _make_folder(args.out)
             code = args.run(args)
             sys.stdout.flush()
             return code
         except (ValueError, OSError) as error:
-            print("error:", " ".join(_said(error).split()), file=sys.stderr)
+            print("error:", " ".join(args.command.in_options(_said(error)).split()), file=sys.stderr)
             return 2
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
@@ -62,7 +62,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 @contextmanager
-def _plain_warnings() -> Iterator[None]:
+def _plain_warnings(command: Parser) -> Iterator[None]:
     """Print warnings about a user's file without the line of this package that read it."""
     usual = warnings.formatwarning
 
@@ -70,7 +70,8 @@ def _plain_warnings() -> Iterator[None]:
         from ..robot_file import RobotFileWarning
 
         if issubclass(category, RobotFileWarning):
-            return textwrap.fill(f"warning: {message}", LINE, break_long_words=False, break_on_hyphens=False) + "\n"
+            said = command.in_options(f"warning: {message}")
+            return textwrap.fill(said, LINE, break_long_words=False, break_on_hyphens=False) + "\n"
         return usual(message, category, *where, **more)
 
     warnings.formatwarning = plain
@@ -82,19 +83,27 @@ def _plain_warnings() -> Iterator[None]:
 
 def _said(error: ValueError | OSError) -> str:
     """Return the message of an error, with the file first if the system raised it."""
+    if isinstance(error, FileNotFoundError) and error.filename is not None:
+        return f"{os.fspath(error.filename)}: there is no such file; correct the path"
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{os.fspath(error.filename)}: {error.strerror}; check the path and its permissions"
     return str(error)
 
 
 class _Output:
-    """An output whose reader may go away: further text is lost, but files are still written."""
+    """An output whose reader may go away: further text is lost, but files are still written.
 
-    def __init__(self, name: str, stream: TextIO | None) -> None:
-        self.name, self.stream = name, stream or open(os.devnull, "w", encoding="utf-8")
+    plain: whether it is no terminal for what is written, which then has no progress bars.
+    """
+
+    def __init__(self, name: str, stream: TextIO | None, plain: bool = False) -> None:
+        self.name, self.stream, self.plain = name, stream or open(os.devnull, "w", encoding="utf-8"), plain
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)
+
+    def isatty(self) -> bool:
+        return not self.plain and self.stream.isatty()
 
     def write(self, text: str) -> int:
         self._try(self.stream.write, text)

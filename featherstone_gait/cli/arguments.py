@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeAlias
 
 from ..base.deprecated import UNTIL
-from ..scene.gearbox_kinds import GEARBOX_KINDS
+from ..scene.gearbox_kinds import GEARBOX_KINDS, why_chosen
 
 if TYPE_CHECKING:
     from ..model import Ground, Model
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
 LINE = 79  # columns of what is printed
-SERVO_HELP = "gearbox model of the servos (default: mipsd for elastic gears, rotor for rigid ones{})"
+OWN_SERVO = "as in the robot's files"
+OWN_GEARBOX = "mipsd for elastic gears, rotor for rigid ones"
 
 
 class Help(argparse.HelpFormatter):
@@ -64,6 +66,17 @@ class Parser(argparse.ArgumentParser):
         if options:
             self.error(", ".join(f"there is no option {each}{_meant(each, known)}" for each in options))
         self.error(f"{' '.join(arguments)!r} was not expected")
+
+    def in_options(self, text: str) -> str:
+        """Return a message with the command's options in place of keywords of Python: --base floating for base=..."""
+        for action in self._actions:
+            flag, name = (action.option_strings or [""])[0], action.dest
+            if flag.startswith("--") and action.nargs == 0:
+                text = re.sub(rf"\b{name}=True\b", flag, text)
+            elif flag.startswith("--"):
+                text = re.sub(rf"\b{name}=None\b", f"{flag} none", text)
+                text = re.sub(rf"\b{name}=(['\"]?)([\w.+:/-]*\w)\1", rf"{flag} \2", text)
+        return text
 
     def option(self, flag: str, help: str, default: Any = None, *, old: str | None = None, **how: Any) -> None:
         """Add an option, whose default may say more: False makes a switch, a number its type and a note in the help.
@@ -130,46 +143,90 @@ class _Renamed(argparse.Action):
         self.now(parser, namespace, values, name)
 
 
-def announce(takes: str) -> None:
-    """Print how long work takes, once the arguments have been checked."""
-    print(textwrap.fill(f"takes {takes}", LINE), flush=True)
+def add_quiet(parser: Parser) -> None:
+    """Add --quiet."""
+    parser.option("--quiet", "print results and errors alone: no progress bars, and not how long it takes", False)
+
+
+def announce(args: argparse.Namespace, takes: str) -> None:
+    """Print how long work takes, once the arguments have been checked, unless --quiet is given."""
+    if not args.quiet:
+        print(textwrap.fill(f"takes {takes}", LINE), flush=True)
 
 
 def add_robot(parser: Parser, but: str = "") -> None:
     """Add the arguments that say which robot to load; but: robots for which the default gearbox differs."""
     parser.add_argument("robot", metavar="ROBOT", help="name of a robot of the package, or a .urdf or .xml file")
     parser.option("--locked", "set of joints to lock, named in the robot's TOML file", metavar="SET")
-    add_gearbox(parser, (*GEARBOX_KINDS, "none"), SERVO_HELP.format(but))
+    add_setup(parser, (*GEARBOX_KINDS, "none"), gearbox=OWN_GEARBOX + but)
 
 
-def add_gearbox(parser: Parser, choices: Sequence[str], help: str, default: GearboxKind | None = None) -> None:
-    """Add --gearbox, and its old name --servos, which warns."""
-    parser.option("--gearbox", help, default, old="--servos", choices=choices)
+def add_setup(
+    parser: Parser, kinds: Sequence[str] = GEARBOX_KINDS, servo: str = OWN_SERVO, gearbox: str = OWN_GEARBOX
+) -> None:
+    """Add base, contacts, servo and, where kinds of gearboxes are given, gearbox of a robot.
+
+    servo, gearbox: what the defaults are.
+    """
+    bases = "whether the base moves (default: as in the file; floating to walk)"
+    parser.option("--base", bases, choices=("fixed", "floating"))
+    contacts = "collision shapes that can touch the ground: feet, all, or names of links with commas (default: the "
+    contacts += "points in the robot's files, else the feet of a floating robot)"
+    parser.option("--contacts", contacts, type=_contacts, metavar="WHAT")
+    servos = "servo of all joints that turn: a name that `featherstone-gait servos` lists, a .toml file, or generic, "
+    servos += "an AX-12 scaled to the robot's weight and twice as strong (generic:4: four times)"
+    parser.option("--servo", f"{servos} (default: {servo})", metavar="NAME")
+    models = "gearbox model: motor inertia plus spring-damper (mipsd), rigid with the rotor's inertia (rotor), or "
+    models += f"rigid without (standard) (default: {gearbox})"
+    if kinds:
+        parser.option("--gearbox", models, old="--servos", choices=kinds)
 
 
-def gearbox_of(args: argparse.Namespace, model: Model, default: GearboxKind | None) -> GearboxKind | None:
-    """Return the value of --gearbox; raise ValueError for a robot without servos; default: what is meant without it."""
-    if args.gearbox is None:
-        return default
-    if args.gearbox == "none":
-        return None
-    if not any(name in model.servos for name in model.joint_names):
+def _contacts(text: str) -> str | list[str]:
+    return text if text in ("feet", "all") else text.split(",")
+
+
+class Setup(NamedTuple):
+    """A robot as the command line sets it up."""
+
+    model: Model
+    contacts: str | list[str] | None  # that were taken from its shapes
+    said: list[str]  # what was taken, and what was not
+
+
+def robot_of(args: argparse.Namespace, robot: str) -> Setup:
+    """Load a robot with the options of `add_setup`; one that floats without contact points gets those of its feet."""
+    from ..robot_file import load_robot
+    from ..walking.walker import driven
+
+    model, contacts, said = load_robot(robot, args.base, args.locked, contacts=args.contacts), args.contacts, []
+    if model.base == "floating" and not model.contacts and model.shapes:
+        from ..geometry.contact_choice import with_contacts
+
+        try:
+            model, contacts = with_contacts(model, "feet"), "feet"
+            said = [f"contacts    {len(model.contacts)} points of its feet, from its collision shapes"]
+        except (ValueError, ImportError) as error:
+            said = [f"contacts    none: {error}"]
+    if args.servo is not None:
+        model = driven(model, args.servo)
+    if args.gearbox not in (None, "none") and not any(name in model.servos for name in model.joint_names):
         file = Path(model.source).with_suffix(".toml").name
-        raise ValueError(f"{model.name} has no servos; name them under [servos] in {file} beside it, or omit --gearbox")
-    return args.gearbox
+        raise ValueError(
+            f"{model.name} has no servos; name one (--servo), or several under [servos] in {file} beside it, or omit "
+            "--gearbox"
+        )
+    return Setup(model, contacts, said)
 
 
-def with_feet(model: Model) -> tuple[Model, str]:
-    """Give a floating robot without contact points those of its feet; say what was taken, or why nothing was."""
-    if model.base != "floating" or model.contacts or not model.shapes:
-        return model, ""
-    from ..geometry.contact_choice import with_contacts
+def gearbox_of(args: argparse.Namespace, default: GearboxKind | None) -> GearboxKind | None:
+    """Return the value of --gearbox; default: what is meant without it."""
+    return default if args.gearbox is None else None if args.gearbox == "none" else args.gearbox
 
-    try:
-        model = with_contacts(model, "feet")
-    except (ValueError, ImportError) as error:
-        return model, f"contacts    none: {error}"
-    return model, f"contacts    {len(model.contacts)} points of its feet, from its collision shapes"
+
+def gearbox_line(kind: GearboxKind) -> str:
+    """Say which gearbox model was chosen, and why."""
+    return f"gearbox     {why_chosen(kind)}"
 
 
 def output(args: argparse.Namespace, ending: str) -> Path:
@@ -190,26 +247,28 @@ def choice(scene: CompiledScene) -> str:
     return f"{scene.integrator}, {steps} ({scene.preflight.reason})"
 
 
-def add_gait(parser: Parser) -> None:
-    """Add the arguments that say which gait, of which robot."""
+def add_gait(parser: Parser, kinds: Sequence[str] = GEARBOX_KINDS) -> None:
+    """Add the arguments that say which gait, of which robot; kinds: as in `add_setup`."""
     parser.add_argument("gait", type=Path, metavar="GAIT", help="ROBOT_gait.npz, or joint angles as .csv")
     parser.option("--first", "take the gait that the search started from, instead of the one it found", False)
     parser.option("--robot", "name or robot file (default: humanoid)", "humanoid")
     what = "set of joints to lock, named in the robot's TOML file, or none (default of the humanoid: simplified)"
     parser.option("--locked", what, metavar="SET")
+    add_setup(parser, kinds, servo=f"the one that the .npz names, else {OWN_SERVO}")
 
 
 def robot_of_gait(args: argparse.Namespace) -> Model:
-    """Load the robot that `add_gait` asks for."""
-    from ..robot_file import load_robot, robot_names
+    """Load the robot that `add_gait` asks for, with its own servos."""
+    from ..robot_file import robot_names
     from ..walking.motion import read_motion
     from ..walking.walker import load_walker
 
+    how: dict[str, Any] = {"base": args.base, "contacts": args.contacts}
     if args.locked is not None:
-        return load_robot(args.robot, locked={} if args.locked == "none" else args.locked)
-    if args.robot in robot_names():
-        return load_walker(args.robot)
-    return load_walker(args.robot, joints=read_motion(args.gait, first=args.first).joint_names)
+        how["locked"] = {} if args.locked == "none" else args.locked
+    elif args.robot not in robot_names():
+        how["joints"] = read_motion(args.gait, first=args.first).joint_names
+    return load_walker(args.robot, **how)
 
 
 def servo_of_gait(args: argparse.Namespace) -> str | None:

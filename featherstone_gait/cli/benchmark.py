@@ -14,7 +14,7 @@ from argparse import Namespace
 from importlib import import_module
 from typing import NamedTuple
 
-from .arguments import Commands, add_command, announce
+from .arguments import Commands, add_command, add_quiet, announce
 
 
 class Benchmark(NamedTuple):
@@ -49,6 +49,7 @@ def add(commands: Commands) -> None:
     parser = add_command(commands, run, __doc__)
     parser.add_argument("name", metavar="NAME", choices=BENCHMARKS, help="one of the benchmarks below")
     parser.option("--full", "more repetitions", False)
+    add_quiet(parser)
     listed = [
         f"  {name:10} {each.what}, {each.minutes:g} min\n             {each.files}" for name, each in BENCHMARKS.items()
     ]
@@ -58,7 +59,7 @@ def add(commands: Commands) -> None:
 def run(args: Namespace) -> int:
     """Run the benchmark of that name."""
     minutes = f"about {BENCHMARKS[args.name].minutes:g} min on two cores"
-    announce(f"{'many times ' * args.full}{minutes}, compiling aside; {ALONE}")
+    announce(args, f"{'many times ' * args.full}{minutes}, compiling aside; {ALONE}")
     import_module(f"featherstone_gait.benchmark.{args.name}").run(args.out, full=args.full)
     print("files: " + ", ".join(str(args.out / name) for name in BENCHMARKS[args.name].files.split(", ")))
     return 0

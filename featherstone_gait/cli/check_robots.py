@@ -18,7 +18,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from .arguments import LINE, Commands, add_command
+from .arguments import LINE, Commands, add_command, add_quiet
 from .info import table
 
 if TYPE_CHECKING:
@@ -48,18 +48,18 @@ def add(commands: Commands) -> None:
     parser.add_argument("folder", type=Path, metavar="FOLDER", help=what)
     parser.option("--csv", "also write the table to this CSV file, in the output folder", metavar="FILE")
     parser.option("--no-simulate", "only load the robots", False)
+    add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
-    from tqdm import tqdm
-
     from ..base.files import Format, write_csv
+    from ..base.progress import progress_bar
 
     if not args.folder.is_dir():
         raise ValueError(f"{args.folder}: there is no such folder; give one that has .urdf files below it")
     paths = robot_files(args.folder)
-    rows = [_row(path, args) for path in tqdm(paths, desc="check", unit="robot")]
+    rows = [_row(path, args) for path in progress_bar(paths, desc="check", unit="robot")]
     print("\n".join([*_table(rows), "", *_summary(rows)]))
     if args.csv:
         write_csv(args.out / args.csv, Format("table of robots"), Row._fields, rows)

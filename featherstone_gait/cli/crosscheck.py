@@ -14,15 +14,15 @@ from __future__ import annotations
 import textwrap
 from argparse import Namespace
 
-from ..scene.gearbox_kinds import GEARBOX_KINDS
 from .arguments import (
     LINE,
     Commands,
     add_command,
     add_gait,
-    add_gearbox,
+    add_quiet,
     announce,
     gait_stem,
+    gearbox_line,
     robot_of_gait,
     servo_of_gait,
     telling_extras,
@@ -36,9 +36,6 @@ def add(commands: Commands) -> None:
     parser = add_command(commands, run, __doc__)
     add_gait(parser)
     parser.option("--no-feedback", "walk without the feedback that the gait's file has", False)
-    add_gearbox(parser, GEARBOX_KINDS, "gearbox model (default: mipsd)", "mipsd")
-    what = "servo of all joints, as in optimize (default: the one that the .npz names, else the robot's own)"
-    parser.option("--servo", what, metavar="NAME")
     floors = "names with commas, as in 2ms_0.9,20ms_0.6 (default: all; a wrong name lists them)"
     parser.option("--floors", floors, metavar="NAMES")
     soles = "shapes of the soles, spheres, boxes or both with a comma (default: both; for feet made of points spheres)"
@@ -46,6 +43,7 @@ def add(commands: Commands) -> None:
     parser.option("--strides", "strides to measure, after the first two", 20, metavar="N")
     parser.option("--timestep", "MuJoCo's time step [s]", 2.5e-4, metavar="S")
     parser.option("--processes", "number of processes", 2, metavar="N")
+    add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
@@ -54,10 +52,13 @@ def run(args: Namespace) -> int:
     from ..crosscheck import FLOORS, crosscheck, summary
     from ..crosscheck.in_mujoco import SOLES, soles_of
     from ..crosscheck.run import files
+    from ..scene.actuator import servo_gearbox
     from ..walking.feedback import read_walk
     from ..walking.motion import read_motion
+    from ..walking.walker import driven
 
     model, servo = robot_of_gait(args), servo_of_gait(args)
+    gearbox = servo_gearbox(model if servo is None else driven(model, servo), args.gearbox)
     plain = args.first or args.no_feedback
     motion = (
         read_motion(args.gait, model.joint_names, first=args.first)
@@ -72,9 +73,11 @@ def run(args: Namespace) -> int:
             one_of(what, name, known)
     minutes = ROW * len(names) * len(soles) * (args.strides + 2) / 22 / max(args.processes, 1) / 60.0
     with telling_extras():
-        announce(f"about {max(minutes, 1.0):.0f} min, compiling aside; Ctrl-C keeps finished floors")
+        if args.gearbox is None:
+            print(gearbox_line(gearbox))
+        announce(args, f"about {max(minutes, 1.0):.0f} min, compiling aside; Ctrl-C keeps finished floors")
         report = crosscheck(
-            motion, model, gearbox=args.gearbox, servo=servo, floors=names, soles=soles, strides=args.strides,
+            motion, model, gearbox=gearbox, servo=servo, floors=names, soles=soles, strides=args.strides,
             timestep=args.timestep, out=out, processes=args.processes, progress=True,
         )  # fmt: skip
     *rows, said = summary(report).split("\n")

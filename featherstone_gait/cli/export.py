@@ -16,9 +16,7 @@ from .arguments import Commands, add_command, add_gait, gait_stem, robot_of_gait
 def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(commands, run, __doc__)
-    add_gait(parser)
-    what = "servo of all joints, in the MJCF file (default: the one that the .npz names, else the robot's own)"
-    parser.option("--servo", what, metavar="NAME")
+    add_gait(parser, ())
     parser.option("--csv", "joint angles over time [deg], as CSV", False)
     parser.option("--goal-positions", "the same in counts of AX-12 servos", False)
     parser.option("--mjcf", "the robot on a floor, with the gait's poses as keyframes", False)

@@ -18,7 +18,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .arguments import Commands, add_command, announce
+from .arguments import Commands, add_command, add_quiet, announce
 
 if TYPE_CHECKING:
     from ..identification.bench import Bench, BenchRecording
@@ -51,6 +51,7 @@ def add(commands: Commands) -> None:
     others = "recordings to predict, not to fit"
     parser.option("--predict", others, [], type=Path, nargs="+", metavar="FILE.csv")
     parser.option("--plot", "name of the picture (default: identify.png)", type=Path, metavar="FILE.png")
+    add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
@@ -61,7 +62,7 @@ def run(args: Namespace) -> int:
     bench = BENCHES[args.servo]
     own = {"gain": args.gain, "mass": args.mass, "length": args.length}
     recordings, others = ([read_bench(path, bench, **own) for path in paths] for paths in (args.files, args.predict))
-    announce(TAKES)
+    announce(args, TAKES)
     with FitLog(args.out / "identify.jsonl") as log:
         return (_effects if args.effects else _fit)(args, bench, recordings, others, log)
 

@@ -3,7 +3,7 @@
 Writes ROBOT_info.txt, the same text, if --out is given.
 
   featherstone-gait info humanoid
-  featherstone-gait info my_robot.urdf --out results
+  featherstone-gait info my_robot.urdf --all --out results
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import math
 import shutil
 import textwrap
 from argparse import Namespace
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..base.files import complete
 from ..scene.gearbox_kinds import GEARBOX_KINDS
-from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output, with_feet
+from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output, robot_of
 
 if TYPE_CHECKING:
     from ..model import Controller, Gearbox, Joint, Model, Servo
@@ -36,33 +36,40 @@ GAINS = {  # of the laws that differ
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    add_robot(add_command(commands, run, __doc__, unasked=False))
+    parser = add_command(commands, run, __doc__, unasked=False)
+    add_robot(parser)
+    parser.option("--all", "also list links, contact points, and all numbers of joints and servos", False)
 
 
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
-    from ..robot_file import load_robot
     from ..scene.actuator import usual_gearbox
-    from ..scene.compile import compile_scene
 
-    model, taken = with_feet(load_robot(args.robot, locked=args.locked))
-    scene = compile_scene(model, gearbox_of(args, model, usual_gearbox(model)), ground(model))
+    model, _, said = robot_of(args, args.robot)
+    suited = usual_gearbox(model)
+    kind = gearbox_of(args, suited)
+    fitting = [each for each in GEARBOX_KINDS if suited and (each != "mipsd" or each in (suited, kind))]
+    scenes = {each: _compiled(args, model, each) for each in (None, *fitting)}
+    scene = scenes[kind]
+    check = None if isinstance(scene, str) else scene.preflight
     points = [(point.link, _numbers(point.position)) for point in model.contacts]
     lines = [
         f"{model.name}  {model.source}",
         f"{model.mass:.4g} kg, {model.base} base, {len(model.joint_names)} moving joints, {len(model.held)} locked",
-        *_link_table(model),
-        *_joint_table(model, scene.preflight),
-        *_servo_table(model),
-        *(table(("contact point on", "position [m]"), points) if points else []),
-        *_filled([taken] if taken else []),
-        *_filled(f"note: {note}" for note in model.notes),
-        "",
+        *_filled(_servo_lines(model)),
+        *_filled(said),
         *_filled([_ground_line(model)]),
-        *_choice_table(model, scene),
+        *_choice_table(scenes, suited if model.base == "floating" or args.servo else None),
         "",
-        *_filled([_explicit_line(scene), f"chosen: {choice(scene)}"]),
+        *_filled([] if isinstance(scene, str) else [_explicit_line(scene), f"chosen: {choice(scene)}"]),
+        *_filled(f"note: {args.command.in_options(note)}" for note in model.notes),
+        *(_joint_table(model, check) if args.all else _short_joint_table(model)),
     ]
+    if args.all:
+        lines += [*_link_table(model), *_servo_table(model)]
+        lines += table(("contact point on", "position [m]"), points) if points else []
+    else:
+        lines += ["", "links, contact points, and all numbers of joints and servos: --all"]
     text = "\n".join(lines) + "\n"
     print(text, end="")
     if args.out is not None:
@@ -81,11 +88,33 @@ def _link_table(model: Model) -> list[str]:
     return table(head, rows)
 
 
-def _joint_table(model: Model, check: Preflight) -> list[str]:
+def _compiled(args: Namespace, model: Model, kind: GearboxKind | None) -> CompiledScene | str:
+    """Compile the scene of `simulate` with a kind of gearbox, or return why it is none."""
+    from ..scene.compile import compile_scene
+
+    try:
+        return compile_scene(model, kind, ground(model))
+    except ValueError as error:
+        return str(args.command.in_options(str(error)))
+
+
+def _short_joint_table(model: Model) -> list[str]:
+    """List the joints that move, with their limits, and those that are locked."""
+    held, rows = model.held, []
+    for joint in model.joints:
+        if joint.type != "fixed":
+            limits = f"{_angle(joint, joint.lower)} to {_angle(joint, joint.upper)}"
+            where = f"locked at {_angle(joint, held[joint.name])}" if joint.name in held else limits
+            rows.append((joint.name, joint.type, where))
+    return table(("joint", "type", "limits"), rows) if rows else []
+
+
+def _joint_table(model: Model, check: Preflight | None) -> list[str]:
     """List the joints, with the largest step that an explicit integrator could take."""
     head = ("joint", "type", "parent", "child", "axis", "limits", "effort", "speed", "explicit step [ms]")
-    largest = {x.joint: f"{1e3 * x.step:.3g}" if x.step < math.inf else "any" for x in check.limits}
-    steps = {x.joint: f"{largest[x.joint]}, {x.cause}" for x in check.limits}
+    found = check.limits if check is not None else ()
+    largest = {x.joint: f"{1e3 * x.step:.3g}" if x.step < math.inf else "any" for x in found}
+    steps = {x.joint: f"{largest[x.joint]}, {x.cause}" for x in found}
     held = model.held
     steps |= {j.name: f"locked at {_angle(j, held[j.name])}" for j in model.joints if j.name in held}
     rows = []
@@ -97,7 +126,7 @@ def _joint_table(model: Model, check: Preflight) -> list[str]:
         limits = f"{_angle(joint, joint.lower)} to {_angle(joint, joint.upper)}"
         force, rate = ("N", "m/s") if joint.type == "prismatic" else ("N m", "rad/s")
         effort, speed = f"{joint.effort:.4g} {force}", f"{joint.velocity:.4g} {rate}"
-        rows.append((*names, _numbers(joint.axis), limits, effort, speed, steps[joint.name]))
+        rows.append((*names, _numbers(joint.axis), limits, effort, speed, steps.get(joint.name, "")))
     return table(head, rows)
 
 
@@ -105,18 +134,34 @@ def _angle(joint: Joint, value: float) -> str:
     return f"{value:.4g} m" if joint.type == "prismatic" else f"{math.degrees(value):.4g} deg"
 
 
-def _servo_table(model: Model) -> list[str]:
-    """List each kind of servo once, with its joints."""
+def _servos(model: Model) -> dict[Servo, str]:
+    """Return each kind of servo with the joints that have it."""
     kinds: dict[Servo, list[str]] = {}
     for joint, servo in model.servos.items():
         kinds.setdefault(servo, []).append(joint)
+    alone = len(kinds) == 1 and {*model.joint_names} <= model.servos.keys()
+    return {servo: "all joints" if alone else ", ".join(joints) for servo, joints in kinds.items()}
+
+
+def _servo_lines(model: Model) -> Iterator[str]:
+    """Describe each kind of servo."""
+    from ..scene.actuator import is_elastic, stall_torque
+
+    for servo, joints in _servos(model).items():
+        law, gear = servo.controller.law, "elastic" if is_elastic(servo) else "rigid"
+        yield f"servo of {joints}: law {law}, {stall_torque(servo):.3g} N m, {gear} gear {servo.gearbox.ratio:g} : 1"
+    if not model.servos:
+        yield "no servos; --servo NAME gives all joints one"
+
+
+def _servo_table(model: Model) -> list[str]:
+    """List each kind of servo once, with its joints."""
     lines = []
-    for servo, joints in kinds.items():
+    for servo, joints in _servos(model).items():
         parts: list[tuple[str, Servo | Controller | Gearbox]]
         parts = [("motor", servo), ("controller", servo.controller), ("gearbox", servo.gearbox)]
         rows = [(part, name, value, unit) for part, record in parts for name, value, unit in _fields(record)]
-        whose = ", ".join(joints) if len(kinds) > 1 else "all joints"
-        lines += ["", *_filled([f"servo of {whose}"]), *table(("part", "parameter", "value", "unit"), rows)[1:]]
+        lines += ["", *_filled([f"servo of {joints}"]), *table(("part", "parameter", "value", "unit"), rows)[1:]]
     if model.supply is not None:
         lines += ["", f"supply of all servos: {model.supply.voltage:g} V, {model.supply.resistance:g} Ohm"]
     return lines
@@ -145,32 +190,31 @@ def _ground_line(model: Model) -> str:
         return "its base is fixed; `simulate` puts no ground under it"
     shapes = len(model.shapes)
     more = (
-        f'load_robot(..., contacts="feet") takes them from its {shapes} collision shapes'
+        f"--contacts takes them from its {shapes} collision shapes"
         if shapes
         else "it has no collision shapes to take them from; type them into its TOML"
     )
     return f"no contact points, so `simulate` lets it fall without ground: {more}"
 
 
-def _choice_table(model: Model, scene: CompiledScene) -> list[str]:
-    """List the integrator and the explicit limit for each kind of gearbox that the servos have the numbers for."""
-    from ..scene.actuator import usual_gearbox
-    from ..scene.compile import compile_scene
-
-    suited = usual_gearbox(model)
-    kinds: list[GearboxKind | None] = [None]
-    if suited is not None:
-        kinds += [kind for kind in GEARBOX_KINDS if kind != "mipsd" or suited == "mipsd"]
-    usual = suited if model.base == "floating" else None
-    rows = []
-    for kind in kinds:
-        each = scene if kind == scene.gearbox else compile_scene(model, kind, scene.ground)
+def _choice_table(
+    scenes: Mapping[GearboxKind | None, CompiledScene | str], usual: GearboxKind | None
+) -> list[str]:
+    """List the integrator and the explicit limit for each kind of gearbox; usual: the default of `simulate`."""
+    rows: list[tuple[str, str, str]] = []
+    refused: dict[str, str] = {}
+    for kind, each in scenes.items():
+        if isinstance(each, str):
+            refused.setdefault(each, kind or "none")
+            continue
         worst, largest = each.preflight.worst, each.preflight.largest_explicit_step
         limit = f"{1e3 * largest:.3g} ms, {worst.joint}: {worst.cause}" if worst is not None else "any"
         steps = "" if each.adaptive else f", {1e3 * each.timestep:g} ms"
         rows.append(((kind or "none") + " *" * (kind == usual), limit, each.integrator + steps))
-    rigid = ["mipsd needs a finite stiffness and a rotor inertia of every servo's gearbox"] if suited == "rotor" else []
-    return [*table(("servos", "explicit steps up to", "integrator"), rows), "* default of `simulate`", *rigid]
+    listed = [*table(("servos", "explicit steps up to", "integrator"), rows), "* default of `simulate`"] if rows else []
+    if "rotor" in scenes and "mipsd" not in scenes:
+        listed.append("mipsd needs a finite stiffness and a rotor inertia of every servo's gearbox")
+    return [*listed, *_filled(f"{kind} is refused: {why}" for why, kind in refused.items())]
 
 
 def _filled(lines: Iterable[str]) -> list[str]:

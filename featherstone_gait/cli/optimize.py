@@ -10,8 +10,8 @@ grows in proportion to the numbers of candidates and worlds, and is printed befo
 
   featherstone-gait optimize
   featherstone-gait optimize --seed 3 --out third --crosscheck
-  featherstone-gait optimize --robot my_biped.urdf --servo xl330 --gearbox rotor
-  featherstone-gait optimize --robot g1.urdf --servo generic --legs-only
+  featherstone-gait optimize --servo xm430
+  featherstone-gait optimize --robot my_biped.urdf --servo generic --legs-only
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from argparse import SUPPRESS, Namespace
 from dataclasses import fields
 
 from ..optimize.options import OptimizeOptions
-from .arguments import Commands, add_command, telling_extras
+from .arguments import OWN_SERVO, Commands, add_command, add_quiet, add_setup, telling_extras
 
 
 def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(commands, run, __doc__)
     parser.add_argument("--robot", default="humanoid", help="name or robot file (default: humanoid, ten leg joints)")
+    add_setup(parser, servo=f"{OWN_SERVO}; humanoid: ax12")
     for option in fields(OptimizeOptions):
         if option.metadata:
             flag = option.metadata["flag"] or f"--{option.name.replace('_', '-')}"
@@ -34,17 +35,23 @@ def add(commands: Commands) -> None:
             parser.option(flag, old=option.metadata["old"], **how)
     what = "search on one floor with the poses of a stride, as in the paper: the same as --worlds 0 --states stride"
     parser.option("--one-world", what, False, old="--nominal")
+    add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
     from ..optimize.job import main_job
+    from ..optimize.preparation import folded
+    from ..optimize.summary_table import summary
 
-    given = {option.name: getattr(args, option.name) for option in fields(OptimizeOptions) if option.name in args}
+    names = [option.name for option in fields(OptimizeOptions) if option.name in args]
+    given = {name: value for name in names if (value := getattr(args, name)) is not None}
     if args.one_world:
         if "worlds" in given or "states" in given:
             raise ValueError("--one-world sets --worlds and --states; give one of them")
         given |= {"worlds": 0, "states": "stride"}
     with telling_extras():
-        report = main_job(args.robot, OptimizeOptions(**given))
+        report = main_job(args.robot, OptimizeOptions(**given, progress=not args.quiet))
+    if args.quiet:
+        print(folded(summary(report)))
     return 130 if report["search"]["message"].startswith("interrupted") else 0

@@ -14,7 +14,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from ..reproduction import EXPERIMENTS
-from .arguments import Commands, add_command, announce
+from .arguments import Commands, add_command, add_quiet, announce
 
 
 def add(commands: Commands) -> None:
@@ -23,6 +23,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("names", metavar="NAME", nargs="*", help=f"{', '.join(EXPERIMENTS)} (default: all)")
     parser.option("--full", "more runs and finer steps, as for docs/reproduction; takes an hour or more", False)
     parser.option("--seed", "seed of all random numbers", 0, metavar="N")
+    add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
@@ -30,7 +31,7 @@ def run(args: Namespace) -> int:
     from ..reproduction.report import expected, reproduce
 
     minutes, size = max(expected(args.names, args.full), 1), "full" if args.full else "quick"
-    announce(f"about {minutes:.0f} min at {size} size on two cores, with finished experiments kept")
+    announce(args, f"about {minutes:.0f} min at {size} size on two cores, with finished experiments kept")
     entries = reproduce(args.names, args.out, full=args.full, seed=args.seed, progress=True)
     for entry in entries:
         print(entry.name + (f": failed: {entry.failure}" if entry.failure else ""))

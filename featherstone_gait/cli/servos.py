@@ -21,6 +21,7 @@ from .info import table
 
 if TYPE_CHECKING:
     from ..identification.curve import TorqueSpeed
+    from ..model import Servo
     from ..robot_file.servos import ManualPoint, ServoSheet
 
 FIGURES = {  # of a curve and of a manual: digits, and the unit
@@ -59,30 +60,43 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _curve(name: str, voltage: float | None) -> TorqueSpeed:
-    from ..identification.curve import torque_speed
+def _servo(name: str) -> Servo:
     from ..robot_file import gearbox_presets, load_servo
 
     presets = gearbox_presets(name)  # any will do, the curve does not depend on it
     chosen = {"gearbox": next(iter(presets))} if presets and "physical" not in presets else {}
-    return torque_speed(load_servo(name, **chosen), voltage)
+    return load_servo(name, **chosen)
+
+
+def _curve(name: str, voltage: float | None) -> TorqueSpeed:
+    from ..identification.curve import torque_speed
+
+    return torque_speed(_servo(name), voltage)
+
+
+def _gear(name: str) -> str:
+    from ..scene.actuator import is_elastic
+
+    return "elastic" if is_elastic(_servo(name)) else "rigid"
 
 
 def _listed(sheets: dict[str, ServoSheet], voltage: float | None) -> list[str]:
     """Format one line for each servo."""
-    head = ("servo", "product", "at [V]", "stall [N m]", "no load [rad/s]", "best [%]", "numbers from", "quality")
+    figures = "at [V]", "stall [N m]", "no load [rad/s]", "best [%]"
+    head = ("servo", "product", *figures, "gear", "numbers from", "quality")
     rows = []
     for name, sheet in sheets.items():
         c = _curve(name, voltage)
-        figures = [f"{x:.3g}" for x in (c.voltage, c.stall_torque, c.no_load_speed, 100.0 * c.peak_efficiency)]
+        cells = [f"{x:.3g}" for x in (c.voltage, c.stall_torque, c.no_load_speed, 100.0 * c.peak_efficiency)]
         product, source, quality = (text or "see its file" for text in (sheet.product, sheet.source, sheet.quality))
-        rows.append((name, product, *figures, source, quality))
+        rows.append((name, product, *cells, _gear(name), source, quality))
     return table(head, rows)
 
 
 def _shown(name: str, sheet: ServoSheet, voltage: float | None) -> list[str]:
     """Format a servo's figures at its voltage and at those of its manual, or at the voltage given."""
-    texts = {"product": sheet.product, "numbers": sheet.source, "quality": sheet.quality, "manual": sheet.manual_source}
+    texts = {"product": sheet.product, "gear": _gear(name), "numbers": sheet.source, "quality": sheet.quality}
+    texts["manual"] = sheet.manual_source
     lines = ["", name]
     for what, text in texts.items():
         lines += [fill(f"  {what:8} {text}", LINE, subsequent_indent=" " * 11, break_long_words=False)] if text else []

@@ -1,6 +1,7 @@
 """Simulate a robot, and plot its motion.
 
-One with a fixed base swings freely, or with --gearbox is pulled to zero; one with a floating base stands on the ground.
+One with a fixed base swings freely, or with --servo or --gearbox is pulled to zero; one with a floating base stands on
+the ground.
 
 Writes ROBOT_simulation.npz (recorded channels), .json (status, settings, measures) and .png (motion and plots).
 
@@ -8,6 +9,7 @@ Takes a second or two, and the first time that a kind of robot is simulated up t
 
   featherstone-gait simulate arm7 --gearbox mipsd
   featherstone-gait simulate humanoid --duration 5 --out standing
+  featherstone-gait simulate dog.urdf --base floating --servo xm430
 """
 
 from __future__ import annotations
@@ -22,7 +24,18 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ..base.files import complete
-from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output, with_feet
+from .arguments import (
+    LINE,
+    Commands,
+    add_command,
+    add_robot,
+    choice,
+    gearbox_line,
+    gearbox_of,
+    ground,
+    output,
+    robot_of,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,7 +52,7 @@ SAMPLE = 2e-3  # time between records, in whole steps [s]
 def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(commands, run, __doc__)
-    add_robot(parser, " and a floating base, else none")
+    add_robot(parser, "; none for a fixed base without --servo or --gearbox")
     duration = "simulated time [s] (default: 2; without servos and ground 1)"
     parser.option("--duration", duration, type=float, metavar="S")
     integrator = "name of the integrator (default: chosen for the robot; a wrong name lists all)"
@@ -50,19 +63,17 @@ def add(commands: Commands) -> None:
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
     start = time.perf_counter()
-    from ..robot_file import load_robot
     from ..scene.actuator import usual_gearbox
     from ..scene.compile import compile_scene
     from ..view.style import look
 
-    model = load_robot(args.robot, locked=args.locked)
-    model, taken = with_feet(model)
-    if taken:
-        print(_filled(taken))
-    gearbox = gearbox_of(args, model, usual_gearbox(model) if model.base == "floating" else None)
+    model, contacts, said = robot_of(args, args.robot)
+    gearbox = gearbox_of(args, usual_gearbox(model) if model.base == "floating" or args.servo else None)
     if gearbox is not None and args.gearbox is None:
-        print(f"gearbox     {gearbox}: the gears are {'elastic' if gearbox == 'mipsd' else 'rigid'} (--gearbox)")
+        said.append(gearbox_line(gearbox))
     scene = compile_scene(model, gearbox, ground(model), args.integrator, args.timestep)
+    for line in said:
+        print(_filled(line))
     duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
     text, simulated = _experiment(scene)
     simulated(scene, scene.timestep)  # compiles, or loads what an earlier process compiled
@@ -75,7 +86,7 @@ def run(args: Namespace) -> int:
         "seconds_per_simulated_second": (done - ready) / trajectory.end_time,
     }
     trajectory.info.update(start=text, joints=model.joint_names, measures=measures, source=model.source)
-    trajectory.info.update(locked=dict(model.locked), ground=scene.ground and asdict(scene.ground))
+    trajectory.info.update(contacts=contacts, locked=dict(model.locked), ground=scene.ground and asdict(scene.ground))
     path = output(args, "simulation")
     trajectory.save(path)
     plotting = time.perf_counter()

@@ -16,7 +16,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from .arguments import Commands, add_command
+from .arguments import Commands, add_command, add_quiet
 
 
 def add(commands: Commands) -> None:
@@ -28,6 +28,7 @@ def add(commands: Commands) -> None:
     cluster = "run on the dask scheduler at this address (default: on this machine's cores)"
     parser.option("--cluster", cluster, metavar="ADDRESS")
     parser.option("--parquet", "also write FILE.parquet (needs pandas and pyarrow)", False)
+    add_quiet(parser)
 
 
 def run(args: Namespace) -> int:

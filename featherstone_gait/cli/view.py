@@ -3,6 +3,7 @@
 Writes FILE_view.html; with --movie or --gif a movie instead, with --png the folder FILE_frames, with --live no file.
 
   featherstone-gait view humanoid
+  featherstone-gait view dog.urdf --base floating --contacts feet
   featherstone-gait view humanoid_simulation.npz
   featherstone-gait view before.npz after.npz --ghosts
   featherstone-gait view run.npz --live
@@ -12,12 +13,14 @@ Writes FILE_view.html; with --movie or --gif a movie instead, with --png the fol
 
 from __future__ import annotations
 
+import errno
 import logging
 import webbrowser
 from argparse import Namespace
 from pathlib import Path
 
-from .arguments import Commands, add_command, telling_extras
+from ..scene.gearbox_kinds import GEARBOX_KINDS
+from .arguments import Commands, add_command, add_setup, robot_of, telling_extras
 
 
 def add(commands: Commands) -> None:
@@ -26,6 +29,8 @@ def add(commands: Commands) -> None:
     files = "saved trajectories (.npz) of one robot, or a robot's name or file"
     parser.add_argument("files", nargs="+", metavar="FILE", help=files)
     parser.option("--robot", "robot of the runs (default: the one that their files name)", metavar="ROBOT")
+    parser.option("--locked", "set of joints to lock, named in the robot's TOML file", metavar="SET")
+    add_setup(parser, (*GEARBOX_KINDS, "none"))
     caption = "caption of a run; give it once for each run"
     parser.option("--caption", caption, [], action="append", metavar="TEXT")
     plot = "plot this channel below the picture; may be repeated (default: contact_force, else torque, else q)"
@@ -45,7 +50,6 @@ def add(commands: Commands) -> None:
 
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
-    from ..robot_file import load_robot
     from ..run.trajectory import Trajectory
     from ..run.trajectory import files as files_of
     from ..view.movie import save_movie
@@ -53,15 +57,20 @@ def run(args: Namespace) -> int:
 
     saved = [files_of(file)[0].is_file() for file in args.files]
     if len(saved) == 1 and not saved[0] and Path(args.files[0]).suffix not in (".npz", ".json"):
-        model = load_robot(args.files[0])
+        model = robot_of(args, args.files[0]).model
         runs, names, robot = [in_posture(model, args.keyframe)], [model.name], model
     else:
         for file, is_run in zip(args.files, saved):
             if not is_run:
-                what = "is not a saved run" if Path(file).exists() else "there is no such file"
-                raise ValueError(f"{file}: {what}; give files of trajectories (.npz), or one robot alone")
+                if not Path(file).exists():
+                    raise FileNotFoundError(errno.ENOENT, "", file)
+                raise ValueError(f"{file}: is not a saved run; give files of trajectories (.npz), or one robot alone")
         runs = [Trajectory.load(file) for file in args.files]
         names, robot = [Path(file).stem for file in args.files], args.robot
+        if any((args.base, args.contacts, args.locked, args.servo, args.gearbox)):
+            if robot is None:
+                raise ValueError("--base, --contacts, --locked, --servo and --gearbox need a robot; name it (--robot)")
+            robot = robot_of(args, robot).model
         if args.keyframe is not None:
             raise ValueError("--keyframe is for a robot without a run; leave it out, or give the robot's file")
     drawn = [args.movie] * bool(args.movie) + [f"{names[0]}.gif"] * args.gif + [f"{names[0]}_frames"] * args.png

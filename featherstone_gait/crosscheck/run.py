@@ -10,15 +10,15 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from .. import __version__
 from ..base import deprecated
 from ..base.arguments import instance, one_of, texts, whole
 from ..base.brief import in_full
 from ..base.files import FilePath, Format, complete, read_json, write_csv
 from ..base.processes import process_pool
+from ..base.progress import progress_bar
 from ..model import Ground, Model
+from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion
@@ -36,7 +36,7 @@ def crosscheck(
     motion: Motion | BalancedWalk,
     robot: FilePath | Model = "humanoid",
     *,
-    gearbox: GearboxKind = "mipsd",
+    gearbox: GearboxKind | None = None,
     servo: FilePath | None = None,
     floors: Iterable[str] | None = None,
     soles: Iterable[str] | None = None,
@@ -56,8 +56,8 @@ def crosscheck(
         The gait, with feedback or without.
     robot : Model, str or path
         A model, or a robot as in `load_robot`; "humanoid" is the simplified one.
-    gearbox : {"mipsd", "rotor", "standard"}
-        Gearbox model.
+    gearbox : {"mipsd", "rotor", "standard"}, optional
+        Gearbox model; None: "mipsd" if all gears are elastic, else "rotor".
     servo : str, path or None
         Servo in place of the robot's own, as in `load_servo`.
     floors : iterable of str, optional
@@ -92,6 +92,8 @@ def crosscheck(
     """
     instance("motion", motion, (Motion, BalancedWalk), "give what read_motion, motion_of or balanced returns")
     model = robot if isinstance(robot, Model) else load_walker(robot)
+    walked = model if servo is None else driven(model, servo)
+    gearbox = servo_gearbox(walked, gearbox)
     names = texts("floors", [*FLOORS] if floors is None else floors)
     kinds = texts("soles", soles_of(model) if soles is None else soles)
     for name in names:
@@ -109,10 +111,9 @@ def crosscheck(
     }  # fmt: skip
     asked = [(name, kind) for name in FLOORS if name in names for kind in SOLES if kind in kinds]
     rows = _kept(out, settings)
-    walked = model if servo is None else driven(model, servo)
     scene = compile_scene(walked, gearbox, Ground(), "midpoint", 1e-3)
     tasks = [(*key, scene, motion, strides, timestep) for key in asked if key not in rows]
-    with tqdm(total=len(asked), initial=len(asked) - len(tasks), disable=not progress, unit="floor") as bar:
+    with progress_bar(total=len(asked), initial=len(asked) - len(tasks), progress=progress, unit="floor") as bar:
         for row in _evaluated(tasks, processes):
             rows[row["floor"], row["soles"]] = row
             _write(out, settings, rows)

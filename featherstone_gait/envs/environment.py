@@ -26,6 +26,7 @@ from ..robot_file import load_robot
 from ..run.session import Session
 from ..run.simulate import standing_state
 from ..run.worlds import Worlds
+from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, compile_scene
 
 __all__ = [
@@ -187,7 +188,8 @@ class RobotEnv(gymnasium.Env):
     duration
         Longest episode [s].
     gearbox
-        Gearbox model, unless `robot` is a scene: "standard", "rotor", or "mipsd", a motor inertia plus spring-damper.
+        Gearbox model, unless `robot` is a scene: "mipsd", "rotor" or "standard", as in `compile_scene`.  None: "mipsd"
+        if all gears are elastic, else "rotor".
     render_mode
         "rgb_array": `render` returns a picture (480, 640, 3) of whole numbers from 0 to 255.  "human": each step is
         drawn in a window of Matplotlib, not faster than real time.  None: nothing is drawn.
@@ -211,7 +213,7 @@ class RobotEnv(gymnasium.Env):
         scale: float = 0.3,
         ticks: int = 2,
         duration: float = 10.0,
-        gearbox: str | None = "mipsd",
+        gearbox: str | None = None,
         render_mode: str | None = None,
     ) -> None:
         self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
@@ -329,7 +331,7 @@ class RobotVectorEnv(VectorEnv):
         scale: float = 0.3,
         ticks: int = 2,
         duration: float = 10.0,
-        gearbox: str | None = "mipsd",
+        gearbox: str | None = None,
         render_mode: str | None = None,
     ) -> None:
         self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
@@ -472,7 +474,7 @@ def _scene(robot: Any, gearbox: Any) -> CompiledScene:
                 f"{model.name}: it has no servos, which actions move; add some: walking.with_generic_servos("
                 "load_robot(FILE, base='floating', contacts='feet'), leg=LENGTH)"
             )
-        scene = compile_scene(model, gearbox, Ground(), "midpoint", 1e-3)
+        scene = compile_scene(model, servo_gearbox(model, gearbox), Ground(), "midpoint", 1e-3)
     if scene.ground is None or not scene.tree.floating or scene.constants.actuator is None:
         raise ValueError(
             f"{scene.model.name}: environments are of robots with a floating base, on the ground, with servos: load it "

@@ -28,17 +28,18 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.optimize import least_squares
-from tqdm import tqdm
 
 from ..base import deprecated
 from ..base.arguments import finite, is_real, listed, real, shown, truth
 from ..base.brief import brief
+from ..base.progress import progress_bar
 from ..dynamics import check_model
 from ..model import SERVO_UNITS, Model
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
 from ..run.trajectory import Trajectory
 from ..run.worlds import servo_with
+from ..scene.actuator import servo_gearbox
 from ..scene.compile import GearboxKind, compile_scene
 from .estimate import Blocks, Errors, Fit, covariances, quantile
 from .recording import EARLY, LARGEST_ANGLE, Recording, check_names, check_recordings
@@ -107,7 +108,7 @@ def identify(
     model: Model | Sequence[Model],
     recordings: Sequence[Recording],
     parameters: Sequence[str],
-    gearbox: GearboxKind = "mipsd",
+    gearbox: GearboxKind | None = None,
     *,
     confidence: float = 0.95,
     start_range: float = 0.0,
@@ -125,8 +126,8 @@ def identify(
     recordings : sequence of Recording
     parameters : sequence of str
         Fields of `Servo`, `Controller` or `Gearbox` to fit, see `SERVO_UNITS`; the others are known.
-    gearbox : str
-        Gearbox model; "mipsd" is the motor inertia plus spring-damper.
+    gearbox : {"mipsd", "rotor", "standard"}, optional
+        Gearbox model; None: "mipsd" if all gears are elastic, else "rotor".
     confidence : float
         Probability of the intervals.
     start_range : float
@@ -158,12 +159,13 @@ def identify(
     real("voltage_weight", voltage_weight, 0.0, 1e12, "0 fits angles alone")
     if voltage_weight and any(recording.voltage is None for recording in recordings):
         raise ValueError("voltage_weight: a recording has no voltage; leave the weight 0, or record it")
-    work = _Simulations(models, recordings, tuple(parameters), gearbox, voltage_weight, timestep)
+    kind = servo_gearbox(models[0], gearbox)
+    work = _Simulations(models, recordings, tuple(parameters), kind, voltage_weight, timestep)
     count, own = len(start), len(recordings) if start_range else 0
     x = np.array([*map(math.log, start.values()), *[recording.angle[0] for recording in recordings[:own]]])
     reach = np.array([math.log(RANGE)] * count + [start_range] * own)
     steps = np.array([LOG_STEP] * count + [START_STEP] * own)
-    with tqdm(disable=not progress, desc="identify", unit="evaluation") as bar:
+    with progress_bar(progress=progress, desc="identify", unit="evaluation") as bar:
         errors = Errors(work.errors, bar.update)
         slopes = lambda x: errors.slopes(x, steps, central=True, own=own)  # noqa: E731
         found = least_squares(errors, x, slopes, (x - reach, x + reach), x_scale="jac", ftol=1e-7)
@@ -220,7 +222,7 @@ def predict(
     model: Model,
     recordings: Sequence[Recording],
     starts: Sequence[float] | np.ndarray | None = None,
-    gearbox: GearboxKind = "mipsd",
+    gearbox: GearboxKind | None = None,
     timestep: float = STEP,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Simulate a model from rest with the references of recordings.
@@ -231,8 +233,8 @@ def predict(
     recordings : sequence of Recording
     starts : sequence of float, optional
         First angles [rad]; by default the recorded ones.
-    gearbox : str
-        Gearbox model.
+    gearbox : {"mipsd", "rotor", "standard"}, optional
+        Gearbox model; None: "mipsd" if all gears are elastic, else "rotor".
     timestep : float
         Of the midpoint rule [s].
 
@@ -246,7 +248,7 @@ def predict(
     if starts is None:
         starts = [recording.angle[0] for recording in recordings]
     starts = finite("starts", starts, (len(recordings),), "[rad]")
-    return _predicted([model] * len(recordings), recordings, starts, gearbox, timestep)
+    return _predicted([model] * len(recordings), recordings, starts, servo_gearbox(model, gearbox), timestep)
 
 
 def _predicted(
@@ -278,15 +280,15 @@ def _predicted(
 
 
 @deprecated.keywords(servos="gearbox")
-def prediction_error(model: Model, recordings: Sequence[Recording], gearbox: GearboxKind = "mipsd") -> np.ndarray:
+def prediction_error(model: Model, recordings: Sequence[Recording], gearbox: GearboxKind | None = None) -> np.ndarray:
     """Return how well a model predicts recordings, which is a test if they were not fitted.
 
     Parameters
     ----------
     model : Model
     recordings : sequence of Recording
-    gearbox : str
-        Gearbox model.
+    gearbox : {"mipsd", "rotor", "standard"}, optional
+        Gearbox model; None: "mipsd" if all gears are elastic, else "rotor".
 
     Returns
     -------

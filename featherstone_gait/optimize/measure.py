@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult
-from tqdm import tqdm
 
 from ..base.files import FilePath, parse_json
+from ..base.progress import progress_bar
 from ..crosscheck import crosscheck, motion_of, verdict
 from ..crosscheck.run import files as crosscheck_files
 from ..model import Model
 from ..robot_file import load_servo
 from ..robot_file.servos import servo_names
+from ..scene.actuator import usual_gearbox
 from ..view.gait_page import least_so_far, parts_of
 from ..walking.cheapest_plan import PlanKind, States
 from ..walking.cost import WalkingCost
@@ -80,7 +81,8 @@ def measure_with_own_servos(own: Model, cost: WalkingCost) -> dict:
     """Measure the first gait of `cost` with the robot's own servos."""
     if not own.servos:
         return {"servo": "none", "status": "it has none"}
-    with_own = replace(cost, scene=cost.scene.recompiled(own))
+    gearbox = usual_gearbox(own) if cost.scene.gearbox == "mipsd" else cost.scene.gearbox  # its gears may be rigid
+    with_own = replace(cost, scene=cost.scene.recompiled(own, gearbox=gearbox))
     return {"servo": servo_name(own)} | with_own.measure([cost.gait.to_vector()])[0].as_dict()
 
 
@@ -149,14 +151,15 @@ def _baselines(
     asked: dict[str, dict[str, Any]] = BASELINES | ({CHEAPEST: {"plan": "cheapest"}} if cheapest else {})
     if plan == "cheapest":
         asked = {CHEAPEST: {}} | {name: walk for name, walk in asked.items() if walk}
-    for name, walk in tqdm(asked.items(), "baselines", disable=not progress or not test_worlds, unit="plan"):
+    for name, walk in progress_bar(asked.items(), "baselines", progress=progress and test_worlds > 0, unit="plan"):
         row: dict[str, Any] = {"name": name, "walk": walk, "status": "ok", "elsewhere": None}
         try:
             assert scene.gearbox is not None
             states: States = "stride" if cost.gait.mirror is None else "step"
             one = cost
             if walk:
-                one = walking_cost(scene.model, scene.gearbox, scene.ground, scene.gravity, states, **walk)
+                how = {"states": states, "progress": progress, **walk}
+                one = walking_cost(scene.model, scene.gearbox, scene.ground, scene.gravity, **how)
         except ValueError as error:
             found.append(row | {"status": str(error)})
             continue

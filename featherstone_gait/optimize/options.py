@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from ..base.brief import brief
-from ..scene.gearbox_kinds import GEARBOX_KINDS
 
 if TYPE_CHECKING:
     from ..base.files import FilePath
+    from ..geometry.contact_choice import Choice
+    from ..model import Base
     from ..scene.gearbox_kinds import GearboxKind
     from ..walking.cheapest_plan import PlanKind, States
 
@@ -34,8 +35,13 @@ class OptimizeOptions:
 
     Attributes
     ----------
-    gearbox : {"mipsd", "rotor", "standard"}
+    base : {"fixed", "floating"} or None
+        As in `load_robot`; None: floating, for a robot that does not come with the package.
+    contacts : str, sequence of str or None
+        What touches the ground, as in `load_robot`; None: as the robot's files say, else its feet.
+    gearbox : {"mipsd", "rotor", "standard"} or None
         Gearbox model: motor inertia plus spring-damper (MIPSD), rigid with the rotor's inertia, or rigid without.
+        None: "mipsd" if all gears are elastic, else "rotor".
     servo : str, path or None
         Servo of all joints that turn: a name or a TOML file, as in `load_servo`, or "generic", an AX-12 scaled to the
         robot.  The first gait is then also measured with the robot's own servos.
@@ -74,15 +80,10 @@ class OptimizeOptions:
         Whether to print progress and a summary.
     """
 
-    gearbox: GearboxKind = _option(
-        "mipsd", "gearbox model: motor inertia plus spring-damper (mipsd), rigid with the rotor's inertia (rotor) or "
-        "rigid without (standard) (default: mipsd)", old="--servos", choices=GEARBOX_KINDS,
-    )  # fmt: skip
-    servo: FilePath | None = _option(
-        None, "servo of all joints that turn: a name that `featherstone-gait servos` lists, a .toml file, or generic, "
-        "an AX-12 scaled to the robot's weight and twice as strong (generic:4: four times) (default: as in the robot's "
-        "file; humanoid: ax12)", metavar="NAME",
-    )  # fmt: skip
+    base: Base | None = None
+    contacts: Choice | None = None
+    gearbox: GearboxKind | None = None
+    servo: FilePath | None = None
     iterations: int = _option(800, "number of candidates")
     seed: int = _option(0, "seed of the search")
     worlds: int = _option(8, "worlds that each candidate walks in, with different floors, servos and link masses")

@@ -11,6 +11,7 @@ import numpy as np
 from ..base import deprecated
 from ..base.arguments import one_of
 from ..model import Ground, Model
+from ..scene.actuator import servo_gearbox
 from ..scene.compile import GearboxKind, compile_scene
 from ..scene.tree import GRAVITY
 from ..walking.cheapest_plan import PlanKind, States, first_gait
@@ -25,11 +26,12 @@ from .quality import describe
 @deprecated.keywords(servos="gearbox")
 def walking_cost(
     model: Model,
-    gearbox: GearboxKind = "mipsd",
+    gearbox: GearboxKind | None = None,
     ground: Ground | None = None,
     gravity: Sequence[float] | np.ndarray = GRAVITY,
     states: States = "stride",
     plan: PlanKind = "plain",
+    progress: bool = False,
     **walk: Any,
 ) -> WalkingCost:
     """Plan a walk of a biped, fit the four-pose gait to it and return its cost on flat ground.
@@ -38,8 +40,8 @@ def walking_cost(
     ----------
     model : Model
         The robot.
-    gearbox : {"mipsd", "rotor", "standard"}
-        Gearbox model.
+    gearbox : {"mipsd", "rotor", "standard"}, optional
+        Gearbox model; None: "mipsd" if all gears are elastic, else "rotor".
     ground : Ground, optional
         Flat ground; by default `Ground()`.
     gravity : array_like, shape (3,)
@@ -49,6 +51,8 @@ def walking_cost(
         both ("a complete and symmetrical step can be composed of 4 states").
     plan : {"plain", "cheapest"}
         The plain plan, or a search for the cheapest one (`walking.first_gait`).
+    progress : bool
+        Whether to show the progress of that search.
     **walk
         Settings of `walking.WalkSettings` that differ from `BIOLOID_WALK`.
 
@@ -64,8 +68,8 @@ def walking_cost(
         mirror images.
     """
     one_of("states", states, get_args(States))
-    scene = compile_scene(model, gearbox, ground or Ground(), "midpoint", 1e-3, gravity)
-    return first_gait(scene, plan, states, **walk)
+    scene = compile_scene(model, servo_gearbox(model, gearbox), ground or Ground(), "midpoint", 1e-3, gravity)
+    return first_gait(scene, plan, states, progress=progress, **walk)
 
 
 class Start(NamedTuple):
@@ -77,6 +81,7 @@ class Start(NamedTuple):
     value: float  # what that is for the first gait [J/m]; infinite if it does not walk
     failure: str  # why the first gait does not walk, or "ok"
     watch: Watch
+    unplanned: str = ""  # why no other plan walks either, where some were tried
 
 
 def plan_start(job: Job) -> Start:
@@ -93,9 +98,10 @@ def plan_start(job: Job) -> Start:
         job.print(f"plain plan: {failure}; searching for the cheapest plan that walks")
         try:
             first = plan_first_gait(job, "cheapest")
-        except ValueError:  # the search starts from a gait that falls and may find one that walks
+        except ValueError as error:  # the search starts from a gait that falls and may find one that walks
             if first is None:
                 raise
+            first = first._replace(unplanned=str(error))
     assert first is not None
     check_history(job.history, first.value)
     x = first.cost.gait.to_vector()
@@ -114,7 +120,8 @@ def plan_start(job: Job) -> Start:
 def plan_first_gait(job: Job, plan: PlanKind) -> Start:
     """Plan a first gait and evaluate it; raise ValueError if there is none."""
     options = job.options
-    cost = walking_cost(job.model, options.gearbox, states=options.states or default_states(job.model), plan=plan)
+    states = options.states or default_states(job.model)
+    cost = walking_cost(job.model, options.gearbox, states=states, plan=plan, progress=options.progress)
     searched = in_worlds(cost, options.worlds) if options.worlds else cost
     return Start(plan, cost, searched, *searched(cost.gait.to_vector()), Watch(job.model, cost.start[0]))
 

@@ -15,11 +15,14 @@ from ..base.files import FilePath, claim, parse_json
 from ..base.line_file import REMEDY as HISTORY_REMEDY
 from ..crosscheck.in_mujoco import mujoco_version
 from ..model import Model
+from ..scene.actuator import build_drive, servo_gearbox
+from ..scene.gearbox_kinds import why_chosen
 from ..walking.cost_in_worlds import MOST_WORLDS
 from ..walking.walker import GENERIC, driven, load_walker
 from .options import OptimizeOptions
 from .quality import TEST_WORLDS
 
+MOST_ITERATIONS = 10**7
 # Processor seconds of one core of an AMD EPYC, compiled before (docs/optimize.md, docs/walking.md, docs/feedback.md):
 SECONDS = {"candidate in a world": 0.0175, "report": 60.0, "crosscheck": 95.0, "plans": 27.0, "feedback": 0.4}
 
@@ -52,14 +55,16 @@ class Job:
 
 def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
     """Load the robot and check all that can be checked before the search; print how long it takes."""
-    own = load_walker(robot, legs_only=options.legs_only)
+    own = load_walker(robot, legs_only=options.legs_only, base=options.base, contacts=options.contacts)
     model = own if options.servo is None else driven(own, options.servo)
     if not model.servos:
         raise ValueError(f"{own.name} has no servos; name one (--servo): {GENERIC!r} is an AX-12 scaled to the robot")
+    gearbox = servo_gearbox(model, options.gearbox)
+    build_drive(model, gearbox)  # raises what the servos do not have
     job = Job(options, robot, own, model, Path(options.out) / f"{Path(robot).stem}_gait")
     whole("worlds", options.worlds, 0, "0 is the robot's own ground alone", MOST_WORLDS)
     whole("test_worlds", options.test_worlds, 0, "0 tests in none", MOST_WORLDS)
-    whole("iterations", options.iterations, 0, "0 measures the first gait alone")
+    whole("iterations", options.iterations, 1, "it is the number of candidates", MOST_ITERATIONS)
     if options.feedback and not options.worlds:
         raise ValueError(
             "feedback is searched in worlds, and worlds is 0; leave out feedback, or --one-world and --worlds 0"
@@ -77,6 +82,11 @@ def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
     except OSError as error:
         why = f"{folder}: no file can be written here ({error.strerror}); give another folder (--out)"
         raise OSError(why) from error
+    if options.resume and not job.history.exists():
+        raise FileNotFoundError(
+            f"{job.history}: there is no such file, so no search to resume; leave out --resume, or give the folder of "
+            "the search (--out)"
+        )
     if job.history.exists():
         if not options.resume:
             raise FileExistsError(
@@ -84,6 +94,8 @@ def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
             )
         with claimed(job.history):  # another process at work there is reported before the first gait is planned
             pass
+    if options.gearbox is None:
+        job.print(f"gearbox: {why_chosen(gearbox)}")
     if robot == "humanoid":
         duration = f"about {max(estimated_minutes(options), 1.0):.0f} min on two cores"
     else:

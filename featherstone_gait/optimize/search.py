@@ -45,7 +45,8 @@ def search(job: Job, start: Start) -> OptimizeResult:
         cheapest = start.plan == "cheapest"
         remedy = "stronger servos (--servo generic:4)" if cheapest else "the cheapest plan (--plan cheapest)"
         raise ValueError(
-            f"{job.model.name}: none of {result.nit + 1} gaits walked; the first: {start.failure}; try {remedy}"
+            f"{job.model.name}: none of {result.nit + 1} gaits walked; the first: {start.failure}; "
+            f"{start.unplanned or f'try {remedy}'}"
         )
     if result.status == 2:
         job.print("interrupted: measuring the best so far and writing the files; Ctrl-C again keeps only the history")

@@ -47,11 +47,22 @@ def usual_gearbox(model: Model) -> GearboxKind | None:
     servos = [model.servos[name] for name in model.joint_names if name in model.servos]
     if not servos:
         return None
-    elastic = all(_is_elastic(servo) and servo.controller.law not in TORQUE_LAWS for servo in servos)
+    elastic = all(is_elastic(servo) and servo.controller.law not in TORQUE_LAWS for servo in servos)
     return "mipsd" if elastic else "rotor"
 
 
-def _is_elastic(servo: Servo) -> bool:
+def servo_gearbox(model: Model, gearbox: GearboxKind | None) -> GearboxKind:
+    """Return a gearbox model, where none is named the usual one; raise ValueError for a robot without servos."""
+    usual = usual_gearbox(model)
+    if usual is None:
+        raise ValueError(
+            f"{model.name} has no servos; name them in the [servos] table of its TOML, or use gearbox=None"
+        )
+    return usual if gearbox is None else gearbox
+
+
+def is_elastic(servo: Servo) -> bool:
+    """Return whether the gear of a servo has the numbers that "mipsd" needs."""
     return servo.gearbox.stiffness < math.inf and servo.gearbox.rotor_inertia > 0
 
 
@@ -62,11 +73,8 @@ def build_drive(model: Model, kind: GearboxKind | None) -> Drive:
         return Drive(None, [None] * len(joints), None, joint_armature(model))
     if not isinstance(kind, str) or kind not in GEARBOX_KINDS:
         raise ValueError(f"gearbox is {shown(kind)}; use {', '.join(map(repr, GEARBOX_KINDS))} or None")
+    kind = servo_gearbox(model, kind)
     servos = [model.servos.get(name) for name in joints]
-    if not any(servos):
-        raise ValueError(
-            f"{model.name} has no servos; name them in the [servos] table of its TOML, or use gearbox=None"
-        )
     continuous = {servo.controller.law in TORQUE_LAWS for servo in servos if servo}
     if len(continuous) > 1:
         raise ValueError(f"{model.name} mixes pd servos with sampled ones; give all joints one kind of law")
@@ -107,7 +115,7 @@ def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
         if servo is None:
             continue
         g = servo.gearbox
-        if not _is_elastic(servo):
+        if not is_elastic(servo):
             raise ValueError(
                 f"{model.name}: joint {name}: mipsd needs a finite stiffness and a rotor inertia > 0; they are "
                 f"{g.stiffness} N m/rad and {g.rotor_inertia} kg m^2: choose another gearbox, or gearbox='rotor'"

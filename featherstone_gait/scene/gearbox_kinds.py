@@ -10,3 +10,8 @@ GearboxKind = Literal[
     "standard",  # rigid gearbox without
 ]
 GEARBOX_KINDS: tuple[GearboxKind, ...] = get_args(GearboxKind)
+
+
+def why_chosen(kind: GearboxKind) -> str:
+    """Say in words of the command line why a kind was chosen where none is named."""
+    return f"{kind}: the gears are {'elastic' if kind == 'mipsd' else 'rigid'} (--gearbox)"

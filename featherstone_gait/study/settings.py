@@ -45,6 +45,7 @@ from ..model import SERVO_UNITS, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
 from ..robot_file.toml import check_keys, table_of, written
 from ..run.worlds import servo_with
+from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, compile_scene
 from ..scene.gearbox_kinds import GEARBOX_KINDS
 from .draws import OFFSET, Draw, read_draws
@@ -437,7 +438,8 @@ def servos_with(model: Model, values: dict[str, Any]) -> Model:
 def scene_of(model: Model, values: dict[str, Any]) -> CompiledScene:
     """Compile the scene that the parameters describe, without the draws."""
     model, given = servos_with(model, values), section_of(values, "scene")
-    gearbox, on_ground = given.pop("gearbox", "mipsd"), given.pop("ground", model.base == "floating")
+    on_ground = given.pop("ground", model.base == "floating")
+    gearbox = given.pop("gearbox", None) or servo_gearbox(model, None)
     ground = Ground(**section_of(values, "ground")) if on_ground else None
     return compile_scene(model, None if gearbox == "none" else gearbox, ground, **given)
 

@@ -186,11 +186,11 @@ def _loaded(info: Mapping[str, Any], robot: Any, floating: bool) -> Model:
             )
     instance("robot", named, (str, os.PathLike), "give a Model, a scene, the name of a robot or its file")
     base: Any = "floating" if floating else "fixed"
-    locked = info.get("locked")
-    model = load_robot(named, base=base, locked=locked)
+    locked, contacts = info.get("locked"), info.get("contacts")
+    model = load_robot(named, base=base, locked=locked, contacts=contacts)
     missing = [name for name in model.joint_names if name not in info.get("joints", model.joint_names)]
     if missing and locked is None:  # a run of fewer joints: the others were held
-        return load_robot(named, base=base, locked=dict(model.locked) | dict.fromkeys(missing, 0.0))
+        return load_robot(named, base=base, contacts=contacts, locked=dict(model.locked) | dict.fromkeys(missing, 0.0))
     return model
 
 

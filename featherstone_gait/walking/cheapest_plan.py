@@ -26,9 +26,11 @@ from types import NoneType
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
+from tqdm import tqdm
 
-from ..base.arguments import instance, listed, one_of, shown, whole
+from ..base.arguments import instance, listed, one_of, shown, truth, whole
 from ..base.brief import brief
+from ..base.progress import progress_bar
 from ..dynamics.jacobians import point_at
 from ..identification.curve import torque_speed
 from ..model import Model, Servo
@@ -147,6 +149,7 @@ def first_gait(
     *,
     searched: Searched | None = None,
     seed: int = 0,
+    progress: bool = False,
     **walk: Any,
 ) -> WalkingCost:
     """Plan the first gait of a biped and return its cost, for `optimize_gait` and `in_worlds`.
@@ -160,7 +163,7 @@ def first_gait(
         similarity, at 20 ms; "cheapest" is the result of `cheapest_plan`.
     states : {"step", "stride"}
         Whether the four poses are those of a stride, or of a step that the other leg mirrors.
-    searched, seed
+    searched, seed, progress
         As of `cheapest_plan`.
     **walk
         Settings of `WalkSettings` that are fixed.
@@ -180,7 +183,7 @@ def first_gait(
     one_of("plan", plan, get_args(PlanKind))
     one_of("states", states, get_args(States))
     if plan == "cheapest":
-        return cheapest_plan(scene, states, searched=searched, seed=seed, **walk).cost
+        return cheapest_plan(scene, states, searched=searched, seed=seed, progress=progress, **walk).cost
     model, g = scene.model, downward(scene.gravity)
     if abs(standing_posture(model)[0] / HEIGHT - 1.0) < LIKE_BIOLOID:
         plain = BIOLOID_WALK | {"g": g}
@@ -198,6 +201,7 @@ def cheapest_plan(
     count: Sequence[int] = COUNT,
     searched: Searched | None = None,
     seed: int = 0,
+    progress: bool = False,
     **held: Any,
 ) -> CheapestPlan:
     """Search for the plan whose gait costs least, within joint and speed limits.
@@ -216,6 +220,8 @@ def cheapest_plan(
         Makes the cost that is minimized from a `WalkingCost`; by default that in eight worlds (`in_worlds`).
     seed : int
         Seed of the plans.
+    progress : bool
+        Whether to show a progress bar.
     **held
         Settings of `WalkSettings` that are fixed.
 
@@ -232,7 +238,7 @@ def cheapest_plan(
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     one_of("states", states, get_args(States))
     instance("box", box, (Box, NoneType), "give Box(...), or None")
-    seed = whole("seed", seed, 0, "any number will do")
+    seed, progress = whole("seed", seed, 0, "any number will do"), truth("progress", progress)
     if searched is not None and not callable(searched):
         raise TypeError(f"searched is {shown(searched)}; give a function of a WalkingCost, or None")
     given = listed("count", count, "give a list of numbers of plans, the first of the whole box")
@@ -248,7 +254,9 @@ def cheapest_plan(
         searched = lambda cost: CostInWorlds(cost, scenes, offsets)  # noqa: E731
     for where in (Box(), SLOW) if box is None else (box,):
         search = _Search(scene, states, where, searched, held)
-        tried = search.tried(points, counts, plain=box is not None or where is not SLOW)
+        plain = box is not None or where is not SLOW
+        with progress_bar(desc="plans", total=sum(counts) + plain, unit="plan", progress=progress) as bar:
+            tried = search.tried(points, counts, plain, bar)
         trials += [one for _, one in tried]
         best = min((one for _, one in tried), key=lambda one: one.cost, default=None)
         if best is not None and math.isfinite(best.cost):
@@ -260,7 +268,7 @@ def cheapest_plan(
     raise ValueError(
         f"{scene.model.name}: none of {len(trials)} planned walks{f' with {fixed}' if fixed else ''} can be walked, "
         f"{kinds.count(most)} of them for this: {trials[kinds.index(most)].status}; give stronger servos, more plans "
-        "(count), another box, or numbers of a walk that is known to work"
+        "or another box of them, or numbers of a walk that is known to work"
     )
 
 
@@ -302,14 +310,17 @@ class _Search:
         numbers = (self.low + point * (self.high - self.low)).tolist()
         return _walk(numbers, (self.length, self.height, self.width), self.g, self.held)
 
-    def tried(self, points: np.ndarray, counts: Sequence[int], plain: bool) -> list[_Tried]:
+    def tried(self, points: np.ndarray, counts: Sequence[int], plain: bool, bar: tqdm) -> list[_Tried]:
         """Try plans at points (n, 6) of the unit box and of smaller boxes around the best, after the plain plan."""
         first = (PLAIN - self.low) / np.where(self.high > self.low, self.high - self.low, 1.0)  # of the plain plan
         middle, tried = np.full(len(PLAIN), 0.5), [self.attempt(first)] if plain else []
+        bar.update(len(tried))
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             for n, share in zip(counts, (1.0, *SMALLER)):
                 where = np.clip(middle + share * (points - 0.5), 0.0, 1.0)
-                tried += pool.map(self.attempt, where[self.within_reach(where)][:n])
+                for one in pool.map(self.attempt, where[self.within_reach(where)][:n]):
+                    tried.append(one)
+                    bar.update()
                 if not tried:  # nothing is within reach
                     break
                 middle = min(tried, key=lambda one: one[1].cost)[0]

@@ -17,7 +17,8 @@ import numpy as np
 from ..base.arguments import texts, truth
 from ..base.files import FilePath
 from ..dynamics import contact_positions_at
-from ..model import Model
+from ..geometry.contact_choice import Choice
+from ..model import Base, Model
 from ..robot_file import load_robot, robot_names
 from ..robot_file.servos import with_servo
 from .generic_servo import with_generic_servos
@@ -28,21 +29,31 @@ from .plan import soles_of
 GENERIC, MARGIN = "generic", 2.0  # times as strong as an AX-12 scaled to the robot: with 1 no plan of a G1 walks
 
 
-def load_walker(robot: FilePath, *, legs_only: bool = False, joints: Sequence[str] | None = None) -> Model:
+def load_walker(
+    robot: FilePath,
+    *,
+    legs_only: bool = False,
+    joints: Sequence[str] | None = None,
+    base: Base | None = None,
+    contacts: Choice | None = None,
+    locked: Any = None,
+) -> Model:
     """Load a robot with a floating base and contact points on its feet; of "humanoid" the simplified one.
 
     legs_only: lock all joints but those of its two legs, as near to zero as their limits allow; joints: lock all but
-    these.  A robot of `robot_names()`, and a file that states them, keeps its own base and contacts.  Raises ValueError
-    for `legs_only` and a robot without two soles, for unknown joints, and as `load_robot`.
+    these; base, contacts, locked: as in `load_robot`.  A robot of `robot_names()`, and a file that states them, keeps
+    its own base and contacts.  Raises ValueError for `legs_only` and a robot without two soles, for unknown joints, and
+    as `load_robot`.
     """
     truth("legs_only", legs_only)
-    known: dict[str, Any] = {"locked": "simplified"} if robot == "humanoid" else {}
+    locked = "simplified" if locked is None and robot == "humanoid" else locked
+    given = {"base": base, "contacts": contacts, "locked": locked}
+    known = {name: value for name, value in given.items() if value is not None}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the last load warns
         found = load_robot(robot, **known)
         if robot not in robot_names():
-            known |= {} if found.base == "floating" else {"base": "floating"}
-            known |= {} if found.contacts else {"contacts": "feet"}
+            known = {"base": "floating"} | ({} if found.contacts else {"contacts": "feet"}) | known
             found = load_robot(robot, **known)
     moving = found.joint_names
     if legs_only:

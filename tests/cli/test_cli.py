@@ -19,6 +19,7 @@ from featherstone_gait.optimize import job as optimize
 from featherstone_gait.optimize.options import OptimizeOptions
 from featherstone_gait.optimize.preparation import estimated_minutes
 from featherstone_gait.optimize.preparation import folded as folded_text
+from featherstone_gait.robot_file.servos import servo_names
 from featherstone_gait.run import simulate as simulation
 
 SLIDER = """<robot name="slider">
@@ -53,9 +54,9 @@ def results(folder, robot):
 
 
 def test_info_prints_every_link_and_joint_and_writes_the_same_where_it_is_asked_to(tmp_path):
-    printed = run("info", "humanoid", "--locked", "simplified", folder=tmp_path)
+    printed = run("info", "humanoid", "--all", "--locked", "simplified", folder=tmp_path)
     assert list(tmp_path.iterdir()) == []
-    told = run("info", "humanoid", "--locked", "simplified", "--out", "here", folder=tmp_path)
+    told = run("info", "humanoid", "--all", "--locked", "simplified", "--out", "here", folder=tmp_path)
     assert told == printed + f"\nfiles: {Path('here') / 'humanoid_info.txt'}\n"
     assert (tmp_path / "here" / "humanoid_info.txt").read_text("utf-8") == printed
     model = load_robot("humanoid", locked="simplified")
@@ -67,7 +68,7 @@ def test_info_prints_every_link_and_joint_and_writes_the_same_where_it_is_asked_
     assert rows["chosen:"][1] == "ars343,"
 
 
-@pytest.mark.parametrize("command", ["info humanoid", "info arm7_spatial", "servos", "servos mx64 ax12a"])
+@pytest.mark.parametrize("command", ["info humanoid", "info arm7_spatial --all", "servos", "servos mx64 ax12a"])
 def test_what_is_printed_fits_a_terminal_of_80_columns_and_loses_nothing(command, monkeypatch, capsys, tmp_path):
     said = {}
     for columns in ("80", "400"):
@@ -112,6 +113,92 @@ def test_a_robot_of_ones_own_stands_on_its_feet_with_the_gears_that_it_has(comma
     assert ("rotor *" if command == "info" else "gearbox rotor: ") in said
     if command == "simulate":
         assert "stands on the ground, servos hold all joints as near to zero as their limits allow" in said
+
+
+@pytest.fixture
+def dog(tmp_path):
+    """A quadruped whose file says nothing of base, contacts and servos."""
+    link = '<link name="{}"><inertial><mass value="{}"/><inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" '
+    link += 'izz="{i}"/></inertial><collision><origin xyz="0 0 {}"/><geometry><box size="{}"/></geometry>'
+    link += "</collision></link>"
+    joint = '<joint name="{}_hip" type="revolute"><parent link="trunk"/><child link="{}"/><origin xyz="{} {} 0"/>'
+    joint += '<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" effort="3" velocity="6"/></joint>'
+    parts = [link.format("trunk", 1.5, 0, "0.3 0.15 0.06", i=0.01)]
+    for leg, x, y in (("lf", 0.14, 0.08), ("rf", 0.14, -0.08), ("lh", -0.14, 0.08), ("rh", -0.14, -0.08)):
+        parts += [link.format(leg, 0.1, -0.1, "0.02 0.02 0.2", i=1e-3), joint.format(leg, leg, x, y)]
+    (tmp_path / "dog.urdf").write_text(f'<robot name="dog">{"".join(parts)}</robot>', "utf-8")
+    return tmp_path / "dog.urdf"
+
+
+@pytest.mark.quick("info", "view")
+@pytest.mark.parametrize("command", ["info", "view", "simulate"])
+def test_a_plain_quadruped_stands_from_the_shell(command, dog, capsys):
+    setup = "--base floating --contacts feet --servo xm430"
+    assert cli.main([command, str(dog), *setup.split(), "--out", str(dog.parent)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "0 locked servo of all joints" in said or command != "info"
+    assert "stands with 16 contact points of 4 links" in said or command != "info"
+    if command == "simulate":
+        trajectory = Trajectory.load(dog.parent / "dog_simulation")
+        weight = 9.81 * load_robot(dog).mass
+        assert trajectory["contact_force"][-1, :, 0].sum() == pytest.approx(weight, rel=1e-6)
+        assert trajectory.info["servos"] == "rotor"
+        assert cli.main(["view", str(dog.parent / "dog_simulation.npz"), "--out", str(dog.parent)]) == 0
+
+
+def test_the_setup_of_a_robot_is_the_same_for_all_commands():
+    """Besides the gearbox "none", with which nothing walks, and what the defaults are."""
+    found = {}
+    for command in ("info", "simulate", "view", "optimize", "crosscheck"):
+        actions = {action.dest: action for action in cli._parser().parse_args([command, "x"]  # x: a robot, file or gait
+            if command != "optimize" else [command]).command._actions if action.option_strings}  # fmt: skip
+        for name in ("base", "contacts", "servo", "gearbox"):
+            action = actions[name]
+            choices = tuple(each for each in action.choices or () if each != "none")
+            how = action.option_strings, action.default, choices, action.type, action.help.partition(" (default")[0]
+            assert found.setdefault(name, how) == how
+
+
+PRESETS = servo_names()
+
+
+@pytest.mark.quick("info-mx64", "info-ax12", "servos-*")
+@pytest.mark.parametrize("servo", PRESETS)
+@pytest.mark.parametrize("command", ["info", "servos", "simulate"])
+def test_every_servo_of_the_package_is_taken_with_the_gear_that_it_has(command, servo, tmp_path, capsys):
+    if command == "servos":
+        assert cli.main(["servos", servo]) == 0
+        return
+    assert cli.main([command, "ax12_arm", "--servo", servo, "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    gear = "elastic" if servo in ("ax12", "ax12a") else "rigid"
+    assert gear in said
+    assert ("mipsd *" if gear == "elastic" else "rotor *") in said or command != "info"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("servo", PRESETS)
+def test_a_search_with_every_servo_of_the_package_walks_or_says_in_a_line_why_not(servo, tmp_path, capsys):
+    """The weakest turn too slowly for all plans, which the line says."""
+    sizes = "--iterations 8 --test-worlds 2 --no-baselines --quiet"
+    code = cli.main(["optimize", "--servo", servo, *sizes.split(), "--out", str(tmp_path)])
+    said = capsys.readouterr()
+    assert (code == 0) == (tmp_path / "humanoid_gait.npz").exists()
+    if code:
+        assert code == 2
+        assert said.err.count("\n") == 1
+        assert "none of" in said.err
+        assert "faster than they can" in said.err or "fell at" in said.err
+
+
+def test_a_robot_whose_servos_cannot_run_together_is_described_all_the_same(tmp_path, capsys):
+    """Of two joints one has a torque law, whose servo is refused beside a sampled one."""
+    text = Path(load_robot("arm7").source).read_text("utf-8")
+    (tmp_path / "mixed.urdf").write_text(text, "utf-8")
+    own = '[servos.joints.joint1]\nlaw = "pd"\nKp = 10.0\nKd = 0.1\nratio = 1.0\n'
+    (tmp_path / "mixed.toml").write_text('[servos.joints.joint2]\ntype = "ax12"\n' + own, "utf-8")
+    assert cli.main(["info", str(tmp_path / "mixed.urdf")]) == 0
+    assert "rotor is refused: arm7 mixes pd servos with sampled ones" in " ".join(capsys.readouterr().out.split())
 
 
 def test_info_says_what_carries_a_robot(capsys, tmp_path):
@@ -159,6 +246,9 @@ def test_what_is_mistyped_gets_one_line_and_what_was_meant(command, said, capsys
         ("crosscheck {robots}/humanoid/optimized_gait.npz --floors ice", "floors is 'ice'"),
         ("crosscheck {robots}/humanoid/optimized_gait.npz --soles flat", "soles is 'flat'"),
         ("view nowhere.npz", "nowhere.npz: there is no such file"),
+        ("optimize --iterations 0", "iterations"),
+        ("optimize --resume", "no search to resume"),
+        ("optimize --servo xl430 --gearbox mipsd", "--gearbox rotor"),
     ],
 )
 def test_what_is_wrong_is_said_before_how_long_it_takes_and_nothing_is_written(command, said, capsys, tmp_path):
@@ -377,7 +467,7 @@ scene.integrator = ["simtwo", "implicit_euler"]
 
 def test_a_file_that_is_not_there_is_named(tmp_path, capsys):
     assert cli.main(["study", str(tmp_path / "none.toml"), "--out", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'none.toml'}: No such file or directory; ")
+    assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'none.toml'}: there is no such file; ")
 
 
 @pytest.mark.parametrize("arguments", [["dance"], ["benchmark", "nothing"], ["info"]])

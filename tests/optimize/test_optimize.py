@@ -382,7 +382,7 @@ def test_a_job_in_which_nothing_walks_says_why(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"none of 1 gaits walked; the first: humanoid fell at"):
         main_job(
             options=OptimizeOptions(
-                plan="plain", iterations=0, states="stride", worlds=1, test_worlds=0, out=tmp_path, progress=False
+                plan="plain", iterations=1, states="stride", worlds=1, test_worlds=0, out=tmp_path, progress=False
             )
         )
 
