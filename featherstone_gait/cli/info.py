@@ -175,7 +175,8 @@ def _fields(record: Servo | Controller | Gearbox) -> Iterator[tuple[str, str, st
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
         if not dataclasses.is_dataclass(value):
-            yield field.name, value if isinstance(value, str) else f"{value:.6g}", units.get(field.name, "")
+            text = str(value) if isinstance(value, (str, bool)) else f"{value:.6g}"
+            yield field.name, text, units.get(field.name, "")
 
 
 def _ground_line(model: Model) -> str:

@@ -62,6 +62,7 @@ class ServoChain:
         duty = column(attrgetter("controller.duty_limit"), 1.0)
         whole = np.floor(duty * self.counts + 1e-9) / np.maximum(self.counts, 1.0)
         self.most_duty = np.where(self.counts > 0.0, whole, duty)
+        self.wraps = column(attrgetter("controller.wrap")) > 0.0
         self.delay = max((servo.controller.delay for servo in servos if servo is not None), default=0.0)
         self.supply, self.gears = supply, _Teeth(column)
         self.waiting: list[np.ndarray] = []  # voltages that are under way
@@ -77,15 +78,15 @@ class ServoChain:
         """
         counts = np.round(angle / np.where(self.exact, 1.0, self.resolution))
         seen = np.where(self.exact, angle, counts * self.resolution)
-        gap = reference - self.goal
+        gap = self._short(reference - self.goal)
         late = np.abs(gap) > self.profile * period
         speed = np.copysign(np.where(late, self.profile, 0.0), gap)
         self.goal, rate = np.where(late, self.goal + speed * period, reference), np.where(late, speed, rate)
-        error, slower = self.goal - seen, rate - self.filtered
+        error, slower = self._short(self.goal - seen), rate - self.filtered
         e = np.where(self.law == "pid_speed", slower, error)
         e = np.sign(e) * np.maximum(np.abs(e) - self.margin, 0.0)
         integral = self.integral + e * period
-        change = np.where(self.law == "state", slower, (e - self.last_error) / period)
+        change = np.where(self.law == "state", slower, self._short(e - self.last_error) / period)
         u = self.Kp * e + self.Ki * integral + self.Kd * change + self.Kf * self.goal + self.punch * np.sign(e)
         most = self.most_volts * self.most_duty
         wound = (self.law != "state") & (np.abs(u) >= most)
@@ -98,6 +99,10 @@ class ServoChain:
             self.waiting.append(u)
         else:
             self._apply(u, motor_speed)
+
+    def _short(self, angle: np.ndarray) -> np.ndarray:
+        """Return angles the short way round, in (-pi, pi], where servos go it [rad]."""
+        return np.where(self.wraps, math.pi - np.mod(math.pi - angle, 2.0 * math.pi), angle)
 
     def arrive(self, motor_speed: np.ndarray) -> None:
         """Apply the oldest delayed voltages; motor_speed: at the output [rad/s]."""

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
-from ..base.arguments import instance
+from ..base.arguments import instance, truth
 from ..base.brief import brief
 from .checks import allowed, check, choice_flaws, number_flaws, quantity, quantity_flaws
 
@@ -105,7 +105,7 @@ class Controller:
     et al. 2013, Fig. 3, with the controllers of SimTwo).  The laws "pd" and "pd_clamped" are continuous and output a
     torque: "pd" keeps the damping (back-EMF) outside the torque limit, "pd_clamped" limits the sum.
 
-    The attributes from `compliance_margin` on describe the firmware of sampled laws (`core/effects/firmware.py`): the
+    Those from `compliance_margin` to `delay` describe the firmware of sampled laws (`core/effects/firmware.py`): the
     voltage is a duty cycle of the servo's `voltage_limit`, the nominal supply that gains and punch refer to.
 
     Attributes
@@ -138,6 +138,8 @@ class Controller:
         Speed at which the internal goal moves toward the reference [rad/s].
     delay : float
         Time from a reading to the voltage that follows from it, a whole number of steps [s].
+    wrap : bool
+        Go the short way round, for joints without limits: the error is taken modulo a turn, in (-pi, pi].
     """
 
     law: Law
@@ -154,11 +156,14 @@ class Controller:
     duty_limit: float = quantity("> 0 and <= 1", "-", 1.0, "it is a share of the supply")
     profile_speed: float = quantity("> 0 or inf", "rad/s", math.inf)
     delay: float = quantity(">= 0", "s", 0.0)
+    wrap: bool = False
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         check(choice_flaws("controller", "law", self.law, get_args(Law)), quantity_flaws("controller", self))
+        if truth("controller: wrap", self.wrap) and self.law == "pid_speed":
+            raise ValueError("controller: wrap is True, and the law 'pid_speed' follows no angle: leave wrap out")
         if self.law in TORQUE_LAWS:
             for f in fields(self):
                 if f.name in FIRMWARE and getattr(self, f.name) != f.default:

@@ -16,7 +16,7 @@ from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Model,
 from ..model.tree_checks import check_servos
 from .report import RobotFileError, blamed_on
 from .source import robots_folder
-from .toml import check_keys, read_toml, real, string, table_of
+from .toml import check_keys, read_toml, real, string, table_of, truth
 
 # The keys of a servo's table are the fields of these; a new field needs no line here.
 PARTS = {
@@ -229,7 +229,7 @@ def _numbers(manual: Mapping[str, Any], key: str) -> list[float]:
 
 
 def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Read a table's fields as SI numbers, angles in radians; skip keys in `also`, refuse others."""
+    """Read a table's fields, numbers in SI, angles in radians; skip keys in `also`, refuse others."""
     check_keys(table, (*also, *_FIELDS, *(f"{name}_deg" for name in _ANGLES)), what)
     values: dict[str, Any] = {}
     for key, value in table.items():
@@ -241,6 +241,8 @@ def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] =
         if _FIELDS[name].type == "float":
             number = real(value, f"{what}: {key}")
             values[name] = number if name == key else math.radians(number)
+        elif _FIELDS[name].type == "bool":
+            values[name] = truth(table, key, what)
         else:
             values[name] = string(table, key, what)
     return values

@@ -12,6 +12,7 @@ from ..base.arguments import instance, truth, vector
 from ..base.fixed_order import total
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
+from ..core.effects.firmware import TURN
 from ..core.step import pace
 from ..core.step.signals import Knots
 from ..scene.compile import CompiledScene
@@ -213,6 +214,10 @@ def with_first_error(scene: CompiledScene, y: np.ndarray, reference: Knots | Non
     goal = reference.cubics[0, :, 0] if firmware.profile is None else y[slice(*scene.part("profiled_reference"))]
     speed = controller_of(scene.constants.actuator).law == PID_SPEED
     error = np.where(speed, 0.0, goal) - np.where(speed, y[o["qd"] : o["qd"] + n], y[o["q"] : o["q"] + n])
+    if firmware.wrap is not None:
+        whole = np.round(error / TURN)
+        whole -= error / TURN - whole <= -0.5
+        error -= firmware.wrap * whole * TURN
     if firmware.band is not None:
         error -= np.clip(error, -firmware.band.compliance_margin, firmware.band.compliance_margin)
     y[o["last_error"] : o["last_error"] + n] = error

@@ -39,7 +39,7 @@ FIELDS = {  # numbers that may differ, by section
         f.name
         for part in (Servo, Gearbox, Controller)
         for f in dataclasses.fields(part)
-        if f.name not in ("controller", "gearbox", "law")
+        if f.name not in ("controller", "gearbox", "law", "wrap")
     ),
     "links": ("mass", "center_of_mass", "inertia"),
     "joints": ("damping", "friction", "armature", "effort", "lower", "upper", "stiffness", "spring_reference"),

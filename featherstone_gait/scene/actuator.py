@@ -89,7 +89,7 @@ def _actuator(model: Model, servos: list[Servo | None], kind: GearboxKind, conti
     if continuous and kind == "mipsd":
         raise ValueError(f"{model.name}: a pd servo has no motor to drive a spring-damper gearbox; use gearbox='rotor'")
     if continuous:
-        return PDServo(_pds(servos))
+        return PDServo(_pds(servos), wraps(model, servos))
     if kind == "mipsd":
         return MipsdServo(_motors(servos), _controllers(servos), _gears(model, servos))
     return RigidServo(_motors(servos), _controllers(servos))
@@ -133,6 +133,22 @@ def _pds(servos: list[Servo | None]) -> np.recarray:
     table.free_damping = [servo is not None and servo.controller.law == "pd" for servo in servos]
     table.torque_limit = np.minimum(table.torque_limit, 1e300)
     return table
+
+
+def wraps(model: Model, servos: list[Servo | None]) -> np.ndarray | None:
+    """Return 1.0 for the joints that go the short way round (n,), None if none does.
+
+    Raises ValueError for joints that do not repeat after a turn, or cannot make one.
+    """
+    table = np.array([float(servo is not None and servo.controller.wrap) for servo in servos])
+    for joint, wrapped in zip(model.moving_joints, table):
+        if wrapped and (joint.type == "prismatic" or joint.upper - joint.lower < math.inf):
+            found = "prismatic" if joint.type == "prismatic" else f"limited to {joint.lower:g} ... {joint.upper:g} rad"
+            raise ValueError(
+                f"{model.name}: joint {joint.name} is {found} and its servo has wrap; only a joint without limits goes "
+                "the short way round: set wrap in [servos.joints.NAME] of these alone, or use type 'continuous'"
+            )
+    return table if table.any() else None
 
 
 def fold_springs(drive: Drive, integrator: Integrator, h: float, inertias: ArrayLike) -> None:

@@ -11,7 +11,7 @@ from ..core.effects.actuator import motor_of
 from ..core.effects.firmware import BAND, PWM, Delay, Firmware
 from ..core.effects.supply import SUPPLY
 from ..model import Controller, Model
-from .actuator import Drive
+from .actuator import Drive, wraps
 from .records import filled
 
 MOST_WAITING = 1000  # voltages of a servo
@@ -33,6 +33,7 @@ def build_firmware(model: Model, drive: Drive, h: float, tick_steps: int) -> Fir
         pwm=_pwm(laws) if any(law.pwm_steps or law.duty_limit < 1.0 for law in stated) else None,
         profile=profile if np.isfinite(profile).any() else None,
         delay=_delay(model, {law.delay for law in stated}, h, tick_steps),
+        wrap=wraps(model, drive.servos),
     )
 
 

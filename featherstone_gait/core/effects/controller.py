@@ -16,7 +16,7 @@ from ..compile.lanes import clamp, select
 from ..compile.structure import record
 from .actuator import controller_of
 from .decay import FILTER_DECAY
-from .firmware import ROUND, beyond_margin, goal_and_rate, in_counts, issue, largest, with_punch
+from .firmware import ROUND, beyond_margin, goal_and_rate, in_counts, issue, largest, short_way, with_punch
 from .motor_stage import FILTER, MotorStage
 from .supply import feed
 
@@ -54,8 +54,8 @@ def control_tick(controller, delay, scene, offsets, reference, noise, y, period)
     for i in range(len(controller)):
         c = controller[i]
         angle = quantized(_plus(y[offsets.q + i], noise, i, 0), c.encoder_resolution)
-        goal, rate = goal_and_rate(firmware.profile, offsets, reference, y, i, period)
-        e = goal - angle
+        goal, rate = goal_and_rate(firmware.profile, firmware.wrap, offsets, reference, y, i, period)
+        e = short_way(firmware.wrap, goal - angle, i)
         de = rate - select(c.speed_filter > 0.0, y[offsets.filtered_speed + i], y[offsets.qd + i])
         if c.law == PID_SPEED:
             e = de
@@ -66,7 +66,8 @@ def control_tick(controller, delay, scene, offsets, reference, noise, y, period)
         if c.law == STATE_FEEDBACK:
             u = with_punch(firmware.band, u + c.Kd * de, e, i)
         else:
-            u = with_punch(firmware.band, u + c.Kd * ((e - y[offsets.last_error + i]) / period), e, i)
+            change = short_way(firmware.wrap, e - y[offsets.last_error + i], i)
+            u = with_punch(firmware.band, u + c.Kd * (change / period), e, i)
             integral = select(abs(u) >= limit, y[offsets.integral + i], integral)
         y[offsets.integral + i] = integral
         y[offsets.last_error + i] = e

@@ -8,6 +8,8 @@ The law is a voltage u at the nominal supply, `voltage_limit`; the duty cycle is
 - Duty cycle: limited, then rounded to the nearest of the counts that a full one has.
 - Profile: the goal that the law sees goes toward the reference by at most profile_speed * period a tick.
 - Delay: voltages wait in the state; `slots` of them are under way just before the oldest is applied.
+- Wrap: the error of a continuous joint is taken the short way round, e - 2 pi k in (-pi, pi], and so are the gap of the
+  profile and the error's change.
 
 Each is None where no servo has it, and costs nothing then.
 """
@@ -29,6 +31,7 @@ PWM = record(
     duty_limit=float,  # largest duty cycle, a whole number of counts
 )
 ROUND = 6755399441055744.0  # 1.5 * 2**52: adding and subtracting it rounds to an integer
+TURN = 6.283185307179586  # [rad]
 
 
 @structure
@@ -47,14 +50,26 @@ class Firmware(NamedTuple):
     pwm: np.ndarray | None = None  # (n,) PWM
     profile: np.ndarray | None = None  # (n,) speeds [rad/s]
     delay: Delay | None = None
+    wrap: np.ndarray | None = None  # (n,) 1: the short way round, 0: as the reference says
 
 
 @inline
-def goal_and_rate(profile, offsets, reference, y, i, period):
+def short_way(wrap, angle, i):
+    """Return the angle between two positions of joint i, in (-pi, pi] if it goes the short way round [rad]."""
+    if wrap is None:
+        return angle
+    turns = angle / TURN
+    whole = (turns + ROUND) - ROUND
+    whole = whole - select(turns - whole <= -0.5, 1.0 + 0.0 * turns, 0.0 * turns)
+    return select(wrap[i] > 0.0, angle - whole * TURN, angle)
+
+
+@inline
+def goal_and_rate(profile, wrap, offsets, reference, y, i, period):
     """Return what the law follows: the reference and its rate, or the profile on its way there [rad, rad/s]."""
     if profile is None:
         return reference[i, 0], reference[i, 1]
-    speed, gap = profile[i], reference[i, 0] - y[offsets.profiled_reference + i]
+    speed, gap = profile[i], short_way(wrap, reference[i, 0] - y[offsets.profiled_reference + i], i)
     most = speed * period
     goal = select(abs(gap) <= most, reference[i, 0], y[offsets.profiled_reference + i] + clamp(gap, -most, most))
     y[offsets.profiled_reference + i] = goal

@@ -8,6 +8,7 @@ from ..compile.jit import inline
 from ..compile.lanes import clamp, select, sign_beyond
 from ..compile.structure import record, structure
 from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of
+from .firmware import short_way
 
 PD = record(
     Kp=float,  # [N m/rad]
@@ -23,6 +24,7 @@ class PDServo(NamedTuple):
     """The servos of a scene."""
 
     pd: np.ndarray  # (n,) PD
+    wrap: np.ndarray | None = None  # (n,) as of `Firmware`
 
     PARTS = ()
 
@@ -32,12 +34,12 @@ class PDServo(NamedTuple):
 
 
 @inline
-def pd_torque(p, angle, v, reference, h_implicit):
+def pd_torque(p, e, v, h_implicit):
     """Return Kp e - Kd v [N m] of the record p, clamped whole or without its damping, and its slope [N m s/rad].
 
-    The spring acts at the end of the step where it must.
+    e: at the start of the step; the spring acts at its end where it must.
     """
-    e = reference - angle - p.fold * h_implicit * v
+    e = e - p.fold * h_implicit * v
     outside = p.free_damping > 0.0
     spring = p.Kp * e
     inner = select(outside, spring, spring - p.Kd * v)
@@ -48,22 +50,27 @@ def pd_torque(p, angle, v, reference, h_implicit):
     return select(outside, held - p.Kd * v, held), slope
 
 
+@inline
+def _error(actuator, step, i):
+    return short_way(actuator.wrap, step.drive[i, 0] - step.y[step.offsets.q + i], i)
+
+
 @actuator_force.of(PDServo)
 def _force(actuator, step, i, v, w, T, c):
-    torque, slope = pd_torque(actuator.pd[i], step.y[step.offsets.q + i], v, step.drive[i, 0], step.h_implicit)
+    torque, slope = pd_torque(actuator.pd[i], _error(actuator, step, i), v, step.h_implicit)
     return T + torque, 0.0, c + slope, 0.0, 0.0
 
 
 @actuator_rates.of(PDServo)
 def _rates(actuator, step, dy, i, v):
-    torque, _ = pd_torque(actuator.pd[i], step.y[step.offsets.q + i], v, step.drive[i, 0], 0.0)
+    torque, _ = pd_torque(actuator.pd[i], _error(actuator, step, i), v, 0.0)
     return torque
 
 
 @actuator_branch.of(PDServo)
 def _branch(actuator, step, i, v, w):
     p = actuator.pd[i]
-    spring = p.Kp * (step.drive[i, 0] - step.y[step.offsets.q + i] - p.fold * step.h_implicit * v)
+    spring = p.Kp * (_error(actuator, step, i) - p.fold * step.h_implicit * v)
     return sign_beyond(select(p.free_damping > 0.0, spring, spring - p.Kd * v), p.torque_limit)
 
 

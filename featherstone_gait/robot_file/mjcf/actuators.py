@@ -208,7 +208,7 @@ def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
         return None, ["without gear, resistance or motor constant"]
     more = any([*row.dyn[2:9], *row.bias[:6], *row.gain[2:4]])
     reasons = ["whose cogging, friction (lugre), heat, slewmax or Imax is left out"] * more
-    gains = {"Kp": R / K * kp * g, "Ki": R / K * ki * g, "Kd": max(0.0, (R / K * kd - K) * g)}
+    gains: dict[str, Any] = {"Kp": R / K * kp * g, "Ki": R / K * ki * g, "Kd": max(0.0, (R / K * kd - K) * g)}
     if not row.inputs & POSITION_INPUT:
         gains, reasons = {}, [*reasons, "that take no position: their gains are zero here, give them a controller"]
     elif R / K * kd < K:

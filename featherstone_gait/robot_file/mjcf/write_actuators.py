@@ -8,6 +8,7 @@ from ...model import Joint, Model, Servo, depends_on_load_or_speed
 from ..markup import element
 
 LOADED = "no friction that falls with the speed or grows with the load"
+LONG_WAY = "the reference is followed as it is, not the short way round"
 CONTINUOUS = ("pd", "pd_clamped")
 MOTORS = ("state", "pid_position")  # laws that `dcmotor` has
 
@@ -75,7 +76,7 @@ def _lacking(servo: Servo) -> list[str]:
     law, gear = servo.controller, servo.gearbox
     if law.law in CONTINUOUS:
         limited = law.law == "pd" and law.torque_limit < math.inf
-        return ["the limit of the torque holds the damping too"] * limited + _beside(servo)
+        return ["the limit of the torque holds the damping too"] * limited + [LONG_WAY] * law.wrap + _beside(servo)
     if law.law == "pid_speed":
         return ["left out: no actuator has the law pid_speed", *_beside(servo)]
     found = {
@@ -94,6 +95,7 @@ def _lacking(servo: Servo) -> list[str]:
         "no limit of the duty cycle": law.duty_limit < 1,
         "the goal is the reference, without a profile's speed": law.profile_speed < math.inf,
         "no delay from reading to voltage": law.delay > 0,
+        LONG_WAY: law.wrap,
     }
     return [what for what, holds in found.items() if holds]
 
