@@ -161,7 +161,8 @@ class _Acting:
 
     def __init__(self, controller: CompiledController, scene: CompiledScene, machine: _Machine) -> None:
         if controller.writes != "reference":
-            raise ValueError(f"controller {controller.name} writes voltages; the replay in MuJoCo has references alone")
+            what = f"controller {controller.name} writes {controller.writes}s"
+            raise ValueError(f"{what}; the replay in MuJoCo has references alone: write these")
         self._function, self._every, self._machine = controller.function, controller.every(scene), machine
         self._memory = np.zeros(controller.memory)
         self._memory[:] = controller.first_memory

@@ -33,7 +33,7 @@ from ..scene.tree import check_followers
 from .interrupt import Kernel, call_interruptibly, ensure_compiled
 from .lane_constants import has_varying, merge, structure, with_own_memory, write_lane
 from .program import CompiledController
-from .reference import Reference
+from .reference import LATEST, Reference
 from .start import checked_state, initial_state, with_first_error
 from .trajectory import Trajectory
 
@@ -96,13 +96,15 @@ class CompiledRun:
         scene, n, o = self.scene, self.scene.tree.n, self.scene.layout
         y = initial_state(scene) if state is None else checked_state(scene, state)
         check_followers(scene.model, scene.tree.coupling, y[o["q"] : o["q"] + n], y[o["qd"] : o["qd"] + n])
-        driven = scene.constants.actuator is not None
-        if reference is not None and not driven:
+        follows = scene.constants.actuator is not None or self.torques_written
+        if reference is not None and not follows:
             raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with gearbox=...")
-        if reference is None and driven:
+        if reference is None and follows:
             reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
         if reference is not None and not isinstance(reference, Reference):
             raise ValueError(f"reference is a {type(reference).__name__}; give Reference(times, values)")
+        if tau is not None and self.torques_written:
+            raise ValueError(f"{scene.model.name}: its controller writes the torques; add tau there, or give pushes")
         if tau is not None and scene.adaptive and self.plan.integrated < o["after_integrated"]:
             raise ValueError(f"{scene.model.name}: torques from outside need prepare(..., driven=True)")
         if tau is not None and scene.method.drives:
@@ -111,7 +113,8 @@ class CompiledRun:
             )
         if tau is not None and not isinstance(tau, Reference):
             tau = Reference([0.0], vector("tau", tau, n, "[N m or N], or a Reference")[None])
-        knots, torques = self._knots("reference", reference), self._knots("tau", tau)
+        knots = self._knots("reference", reference)
+        torques = self.held_torques(np.zeros) if self.torques_written else self._knots("tau", tau)
         return RunInput(with_first_error(scene, y, knots), knots, torques, self._noise(noise), self)
 
     def _knots(self, what: str, signal: Reference | None) -> Knots | None:
@@ -134,6 +137,15 @@ class CompiledRun:
                 f"times in {duration:g} s, and steps end at each; at most {MOST_KNOTS:g}: give a longer period"
             )
         return signal.knots()
+
+    @property
+    def torques_written(self) -> bool:
+        """Return whether a controller writes the torques on the joints."""
+        return self.controller is not None and self.controller.writes == "torque"
+
+    def held_torques(self, zeros: Zeros) -> Knots:
+        """Return the signal of torques that stand until they are written again; zeros(shape) makes its array."""
+        return Knots(np.array([-LATEST, LATEST]), zeros((1, self.scene.tree.n, 4)), 0.0)
 
     def _noise(self, noise: ArrayLike | None) -> np.ndarray | None:
         if noise is None:
@@ -212,7 +224,7 @@ class CompiledRun:
         if self.stop[0]:
             raise KeyboardInterrupt
         if self.controller is not None:
-            self.controller.check(run.signals.program)
+            self.controller.check(run.signals.program, self.scene.model.joint_names)
 
     def _check_alike(self, starts: Sequence[RunInput]) -> None:
         name = self.scene.model.name

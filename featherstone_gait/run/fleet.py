@@ -73,8 +73,11 @@ class Group:
             drive = zeros((compiled.scene.tree.n, 2))
             signals = Signals(None, drive, None, None, None, self._input[k], None, None)
         else:
-            servos = compiled.scene.constants.actuator is not None
-            signals = compiled.signals(held if servos else None, None if servos else held, zeros)
+            if compiled.torques_written:
+                signals = compiled.signals(held, compiled.held_torques(zeros), zeros)
+            else:
+                servos = compiled.scene.constants.actuator is not None
+                signals = compiled.signals(held if servos else None, None if servos else held, zeros)
         if self._noise is not None:
             signals = signals._replace(noise=self._noise[k])
         vector = Vector(compiled, signals, self.lanes, self._y[k], self._out[k])
@@ -136,7 +139,8 @@ class Group:
             vector = self.vectors[k]
             vector.kernel(vector.run, vector.y, vector.out)
         if program is not None:
-            self.runs[0].controller.check(program)  # type: ignore[union-attr]
+            joints = self.compiled.scene.model.joint_names
+            self.runs[0].controller.check(program, joints)  # type: ignore[union-attr]
 
     def _at(self, k: int, lane: int) -> Run:
         """Return the run of a vector at the time of a lane."""

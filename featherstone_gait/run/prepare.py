@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arguments import instance, is_real, listed, real, shown
+from ..base.arguments import is_real, listed, real, shown
 from ..core.step import state
 from ..core.step.context import Plan
 from ..scene.channels import current_name
@@ -17,7 +17,7 @@ from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
 from ..scene.external import Push
 from .compiled_run import CompiledRun
-from .program import CompiledController
+from .program import CompiledController, with_ticks
 from .start import check_scene
 
 LEAST_STEP = 1e-9  # of error control [s]
@@ -41,8 +41,8 @@ def prepare(
     """Compile runs of a scene; the arguments are those of `simulate`, driven: by torques from outside."""
     check_scene(scene)
     if controller is not None:
-        instance("controller", controller, CompiledController, "decorate its function with @controller(...)")
-        scene = controller.driving(scene)
+        scene = controller.driving(with_ticks(scene, controller))
+        driven = driven or controller.writes == "torque"
     plan = _plan(scene, duration, record_interval)
     if scene.adaptive:
         o, acts = scene.layout, scene.constants

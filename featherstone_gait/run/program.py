@@ -14,25 +14,27 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 import sys
 from collections import namedtuple
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from pkgutil import resolve_name
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, functions, instance, one_of, real, whole
 from ..base.brief import brief
+from ..core.compile.chance import uses_chance
 from ..core.compile.jit import JIT, CompilationError, carray, outside
 from ..core.step import program as core
 from ..core.step.state import IN_STATE
 from ..model import Controller
 from ..scene.compile import CompiledScene
 
-Writes = Literal["reference", "voltage"]
+Writes = Literal["reference", "voltage", "torque"]
 SEEN = tuple(channel.name for channel in IN_STATE if channel.kind != "run")
 State = namedtuple("State", SEEN)  # type: ignore[misc]  # arrays by channel, flat; of length 0 where there is none
 ARGUMENTS = ("t", "state", "reference", "command", "memory")
@@ -51,7 +53,7 @@ class CompiledController:
         How many numbers it keeps.
     period : float or None
         Time between calls [s]; None: a controller tick.
-    writes : {"reference", "voltage"}
+    writes : {"reference", "voltage", "torque"}
         What its command is.
     begins : ndarray or None
         Numbers (memory,) with which its memory begins; None: zeros.
@@ -103,11 +105,11 @@ class CompiledController:
         return _found, (module, name, self.begins)
 
     def driving(self, scene: CompiledScene) -> CompiledScene:
-        """Return the scene that it drives; ValueError where no sampled servo takes what it writes."""
-        if not scene.sampled:
+        """Return the scene that it drives; ValueError where nothing takes what it writes."""
+        if not scene.sampled and self.writes != "torque":
             raise ValueError(
                 f"controller {self.name}: {scene.model.name} has no sampled servos that take what it writes: compile "
-                "the scene with gearbox='mipsd', or step it with Session(..., action='torque')"
+                "the scene with gearbox='mipsd', or let it write torques, @controller(writes='torque')"
             )
         self.every(scene)
         return open_loop(scene) if self.writes == "voltage" else scene
@@ -135,7 +137,8 @@ class CompiledController:
         return core.Program(
             function=self._address(),
             every=self.every(scene),
-            replaces=True if self.writes == "voltage" else None,
+            replaces=None if self.writes == "reference" else True,
+            torques=True if self.writes == "torque" else None,
             command=zeros((n, 2)),
             memory=memory,
             clock=zeros(3),
@@ -144,12 +147,13 @@ class CompiledController:
             reference=np.zeros(2 * n),
             own_command=np.zeros(2 * n),
             own_memory=np.zeros(self.memory),
-            failure=np.zeros(2),
+            failure=np.zeros(3),
         )
 
     def _address(self) -> Any:
         """Return the address of the compiled function."""
         if "address" not in self._made:
+            _refuse_chance(self.function)  # once more: by now all names that it uses exist
             try:
                 self._made["kept"], self._made["address"] = outside(self.function, _wrapped)
             except CompilationError as error:
@@ -161,18 +165,29 @@ class CompiledController:
                 ) from error
         return self._made["address"]
 
-    def check(self, program: core.Program) -> None:
-        """Raise ValueError if it has raised an exception, with that of the same call in Python."""
-        if program.failure[core.FAILED] == 0.0:
+    def check(self, program: core.Program, joints: Sequence[str]) -> None:
+        """Raise ValueError if it has raised an exception, with that of the same call in Python, or written no number.
+
+        joints: their names.
+        """
+        failed, t, where = program.failure.tolist()
+        if failed == 0.0:
             return
-        t, why = float(program.failure[core.WHEN]), "an exception"
-        arrays = (program.state, program.offsets, program.reference, program.own_command, program.own_memory)
+        program.failure[:] = 0.0
+        if failed == core.NOT_FINITE:
+            i, column = divmod(int(where), 2)
+            what = "rate" if column else self.writes
+            raise ValueError(
+                f"controller {self.name} wrote {program.own_command[int(where)]} as {what} of joint {joints[i]}, "
+                f"command[{i}, {column}], at {t:.6g} s: give finite numbers, at most {core.LARGEST:g} in size"
+            )
+        why, arrays = "an exception", (program.state, program.offsets, program.reference)
         cause: BaseException | None = None
         try:
-            self.function(t, *_views(*arrays))
+            with np.errstate(divide="raise", invalid="raise"):  # Numba raises an exception for x / 0 of floats too
+                self.function(t, *_views(*arrays, program.own_command, program.own_memory))
         except Exception as error:
             why, cause = f"{type(error).__name__}: {error}", error
-        program.failure[:] = 0.0
         raise ValueError(
             f"controller {self.name} failed at {t:.6g} s: {why}; command is ({len(program.reference) // 2}, 2) and "
             f"memory ({self.memory},): write within them, or ask for more memory"
@@ -188,22 +203,25 @@ def controller(
 ) -> Any:
     """Compile a function into runs as their controller: ``simulate(scene, ..., controller=lean)``.
 
-    Numba compiles the function, with bounds checked.  It is called for one robot at a time, in lanes too.
+    Numba compiles the function, with bounds and divisors checked.  It is called for one robot at a time, in lanes too.
+    It must give the same for the same: random numbers, clocks and what runs in Python are refused.
 
     Parameters
     ----------
     function
         Called at ticks as ``function(t, state, reference, command, memory)``, with the time [s]; the state's channels
         by name, as `state.q` (joints,) or `state.base_q` (7,), flat, empty where the robot has none, not to be written;
-        what the servos would follow (joints, 2), position [rad or m] and rate; what they are to follow (joints, 2),
-        which equals `reference` until it is written; and its own numbers (memory,), zero at the start of a run.
+        what the servos would follow (joints, 2), position [rad or m] and rate; its command (joints, 2), what they are
+        to follow, which equals `reference` until it is written; and its own numbers (memory,), zero at the start.
     memory
         How many numbers it keeps.
     period
         Time between calls [s], a whole number of controller ticks, between which its command stands.  None: each tick.
+        Of torques it is the tick itself, a whole number of steps; None: 10 ms.
     writes
-        "reference", or "voltage": ``command[:, 0]`` is then the voltage of each motor [V], zero until it is written,
-        past the servo's own law but through limits, delay and supply.
+        "reference"; "voltage": ``command[:, 0]`` is the voltage of each motor [V], zero until it is written, past the
+        servo's own law but through limits, delay and supply; "torque": it is the torque on each joint [N m or N], in
+        scenes without servos.
 
     Returns
     -------
@@ -213,7 +231,7 @@ def controller(
     Raises
     ------
     ValueError
-        For a function with other arguments.
+        For a function with other arguments, and for one that draws random numbers, reads a clock or calls Python.
 
     Examples
     --------
@@ -233,8 +251,56 @@ def controller(
         raise ValueError(f"controller {function.__qualname__} takes {names}; it is called with {', '.join(ARGUMENTS)}")
     size = whole("memory", memory, 0, "give how many numbers it keeps", 10**6)
     period = None if period is None else real("period", period, 1e-9, 1e9, "give seconds")
-    one_of("writes", writes, ("reference", "voltage"))
+    one_of("writes", writes, get_args(Writes))
+    _refuse_chance(function)
     return CompiledController(function, size, period, writes)
+
+
+def _refuse_chance(function: Callable[..., None]) -> None:
+    """Raise ValueError for a function that uses what differs from call to call."""
+    found = uses_chance(function)
+    if found is not None:
+        raise ValueError(
+            f"controller {function.__qualname__} uses {found}, which differs from run to run and between lanes: work "
+            "it out from time, state and memory, where a generator of your own finds room, or give noise to simulate"
+        )
+
+
+def _divides(h: float, period: float) -> bool:
+    return round(period / h) >= 1 and abs(round(period / h) * h - period) <= 1e-9 * period
+
+
+def with_ticks(scene: CompiledScene, controller: CompiledController | None) -> CompiledScene:
+    """Return the scene with ticks of the period of a controller that writes torques; of others the scene itself.
+
+    The grid of error control becomes one that divides the period.
+    """
+    if controller is None:
+        return scene
+    instance("controller", controller, CompiledController, "decorate its function with @controller(...)")
+    if controller.writes != "torque":
+        return scene
+    name, period = scene.model.name, controller.period
+    if scene.constants.actuator is not None:
+        raise ValueError(
+            f"controller {controller.name} writes torques, but the servos of {name} would drive the joints too: "
+            "compile the scene with gearbox=None, or write 'voltage' or 'reference'"
+        )
+    if scene.method.drives:
+        raise ValueError(f"{name}: {scene.integrator} takes its torques from servos alone: use implicit_euler")
+    if period is None:
+        return scene
+    shorter = period / math.ceil(period / scene.timestep)
+    if scene.adaptive and not _divides(scene.timestep, period):
+        scene = scene.recompiled(timestep=shorter)
+    h = scene.timestep
+    if not _divides(h, period):
+        raise ValueError(
+            f"controller {controller.name}: its period is {period:g} s, and torques change between steps of {h:g} s: "
+            f"give compile_scene a timestep that divides it, such as {shorter:.6g}"
+        )
+    steps = round(period / h)
+    return scene if steps == scene.tick_steps else replace(scene, tick_steps=steps)
 
 
 def open_loop(scene: CompiledScene, duty: bool = False) -> CompiledScene:
@@ -270,9 +336,10 @@ def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
 
         def call(t: float, *arrays: np.ndarray) -> None:
             try:
-                function(t, *_views(*arrays[:5]))
+                with np.errstate(divide="raise"):
+                    function(t, *_views(*arrays[:5]))
             except Exception:
-                arrays[5][core.FAILED] = 1.0
+                arrays[5][core.FAILED] = core.RAISED
 
         return call
     # Write out the views of all channels, since Numba loops over no fields.
@@ -288,7 +355,7 @@ def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
         f"            carray(memory, places[{MEMORY}]),",
         "        )",
         "    except Exception:",
-        "        carray(failure, 1)[0] = 1.0",
+        f"        carray(failure, 1)[{core.FAILED}] = {core.RAISED}",
     )
     scope: dict[str, Any] = {"carray": carray, "State": State, "function": function}
     exec("\n".join(lines), scope)

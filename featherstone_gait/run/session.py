@@ -39,7 +39,7 @@ from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, second_ru
 from .fleet import Fleet
 from .observation import Log, View
 from .prepare import coordinates, each_once, prepare, steps_between_records, with_tolerance
-from .program import CompiledController, open_loop
+from .program import CompiledController, open_loop, with_ticks
 from .reference import Reference
 from .start import check_scene
 from .status import Status
@@ -86,7 +86,8 @@ class Session:
     estimate_error
         Simulate a second time in coarser steps, as `simulate` does, for `error` and the status "inaccurate".
     controller
-        A function made by `controller`, which turns actions, as references, into what the servos follow.
+        A function made by `controller`, which turns actions, as references, into what the servos follow, or into
+        torques, whose period is then the tick.
     threads
         None: one for each core.
     pace
@@ -146,10 +147,15 @@ class Session:
         check_scene(scene)
         self._given = given
         given |= {"observe": tuple(_names(observe)), "record": tuple(_names(record, "record"))}
-        self.action: Action = _action(scene, action)
+        self.action: Action = _action(scene, action, controller)
         scenes, self.n = _scenes(scene, n, worlds)
-        scenes = [_driven(one, self.action) for one in scenes]
-        self.scene = with_tolerance(scenes[0] if worlds is None else _driven(scene, self.action), rtol, atol)[0]
+
+        def driven(one: CompiledScene) -> CompiledScene:
+            return _driven(one, self.action, controller)
+
+        scenes = each_once(driven, scenes)
+        self.scene = with_tolerance(scenes[0] if worlds is None else driven(scene), rtol, atol)[0]
+        self.scene = with_ticks(self.scene, controller)
         if self.scene.tick_steps % steps_between_records(self.scene, record_interval):
             raise ValueError(
                 f"record_interval is {record_interval!r} s; it must divide a tick of {self.tick:g} s in whole steps"
@@ -614,9 +620,11 @@ def _names(value: Any, what: str = "observe") -> list[str]:
     return listed(what, value, "give a list of names, such as ('q', 'qd')")
 
 
-def _action(scene: CompiledScene, action: Any) -> Action:
+def _action(scene: CompiledScene, action: Any, controller: CompiledController | None) -> Action:
     """Return what the robots are given; ValueError for what the scene has no input for."""
     name, driven = scene.model.name, scene.constants.actuator is not None
+    if getattr(controller, "writes", None) == "torque" and action in (None, "reference"):
+        return "reference"
     if action is None:
         return "reference" if driven else "torque"
     one_of("action", action, ACTIONS)
@@ -637,9 +645,10 @@ def _action(scene: CompiledScene, action: Any) -> Action:
     return action
 
 
-def _driven(scene: CompiledScene, action: Action) -> CompiledScene:
-    """Return the scene whose servos take the action."""
-    return open_loop(scene, action == "pwm") if action in ("voltage", "pwm") else scene
+def _driven(scene: CompiledScene, action: Action, controller: CompiledController | None) -> CompiledScene:
+    """Return the scene whose servos take the action, with the ticks of a controller that has its own."""
+    scene = open_loop(scene, action == "pwm") if action in ("voltage", "pwm") else scene
+    return with_ticks(scene, controller)
 
 
 def _scenes(scene: CompiledScene, n: int | None, worlds: Worlds | None) -> tuple[list[CompiledScene], int]:

@@ -38,7 +38,7 @@ from .error_estimate import (
 )
 from .lane_engine import Source
 from .prepare import coordinates, each_once, prepare, recorded, with_tolerance
-from .program import CompiledController
+from .program import CompiledController, with_ticks
 from .reference import Reference
 from .start import check_scene, initial_state, reset_time, standing_state
 from .trajectory import Trajectory, of_second_run, with_error
@@ -84,7 +84,7 @@ def simulate(
         Time goes on too: references, torques and pushes are functions of the time since the first start
         (``reset_time(scene, state)`` sets it to zero).  None: `initial_state(scene)`.
     reference
-        Joint positions for the servos over time [rad or m].  None: servos hold the positions in `state`.
+        Joint positions for servos or controller over time [rad or m].  None: they are to hold the positions in `state`.
     tau
         Torques on the joints from outside, constant (joints,) or a `Reference` [N m or N].
     pushes
@@ -106,8 +106,8 @@ def simulate(
         True: run again with half the step, or at a tenth of the tolerances, for a closer estimate.
         False: run once; `Trajectory.error` is None.
     controller
-        A function made by `controller`, which turns the reference into what the servos follow.  Its memory is zero at
-        the start of each run, even of one that goes on from another; a `Session` keeps it.
+        A function made by `controller`, which turns the reference into what the servos follow, or into torques.  Its
+        memory is zero at the start of each run, even of one that goes on from another; a `Session` keeps it.
 
     Returns
     -------
@@ -293,6 +293,7 @@ def _recorded(scenes: Sequence[CompiledScene], record: Iterable[str] | None) -> 
 def _explicit(job: Job) -> dict[str, Any]:
     """Return explicit tolerances and time between records, so that other runs can be compared."""
     scene, rtol, atol = with_tolerance(*job[:3])
+    scene = with_ticks(scene, job.controller)
     every = scene.tick_steps * scene.timestep if job.record_interval is None else job.record_interval
     return {"scene": scene, "rtol": rtol, "atol": atol, "record_interval": every}
 

@@ -1,7 +1,10 @@
 """Controllers of one's own, compiled into runs: what they do is what the servo's own law would do, in any lane."""
 
 import pickle
+import random
+import time
 
+import numba
 import numpy as np
 import pytest
 from scenes import with_controller
@@ -52,6 +55,30 @@ def touchy(t, state, reference, command, memory):
     command[0, 0] = 0.5 * memory[0]
     if reference[0, 0] > 0.5:
         memory[3] = 1.0
+
+
+@controller(memory=1)
+def divides(t, state, reference, command, memory):
+    """A remainder by zero from the fourth tick on."""
+    command[0, 0] = 7 % (3 - int(memory[0]))
+    memory[0] += 1.0
+
+
+@controller(memory=1)
+def halves(t, state, reference, command, memory):
+    command[0, 0] = 1.0 / (3.0 - memory[0])
+    memory[0] += 1.0
+
+
+@controller(writes="voltage")
+def not_a_number(t, state, reference, command, memory):
+    if t > 0.025:
+        command[0, 0] = np.nan
+
+
+@numba.njit
+def drawn(x):
+    return x + np.random.normal()  # noqa: NPY002
 
 
 @controller
@@ -195,6 +222,57 @@ def test_what_is_wrong_is_said():
         Session(scene, 1, "voltage", controller=nothing)
     with pytest.raises(TypeError, match="must be a name of its module"):
         pickle.dumps(controller(lambda t, state, reference, command, memory: None))
+
+
+def test_a_number_that_is_none_is_blamed_on_it():
+    """With the joint, the place and the time, in a run, in a batch and in a session, which stays as it was."""
+    told = r"not_a_number wrote nan as voltage of joint elbow, command\[0, 0\], at 0\.03 s"
+    with pytest.raises(ValueError, match=told):
+        simulate(scene_of(), 0.1, controller=not_a_number)
+    with pytest.raises(ValueError, match=told):
+        simulate_batch(scene_of(), 0.1, references=[moving()] * 9, controller=not_a_number, estimate_error=False)
+    session = Session(scene_of(), 9, controller=not_a_number)
+    session.step(ticks=3)
+    before = session.state
+    with pytest.raises(ValueError, match=told):
+        session.step()
+    assert np.array_equal(session.state, before)
+
+
+@pytest.mark.parametrize("program", [divides, halves])
+def test_a_division_by_zero_is_an_error(program):
+    with pytest.raises(ValueError, match=f"{program.name} failed at 0.03 s: ZeroDivisionError|FloatingPointError"):
+        simulate(scene_of(), 0.1, reference=moving(), controller=program)
+
+
+def test_what_differs_from_call_to_call_is_refused():
+    """Random numbers and clocks, by any name, also in functions that it calls."""
+
+    def plain(t, state, reference, command, memory):
+        command[0, 0] = np.random.normal()  # noqa: NPY002
+
+    def renamed(t, state, reference, command, memory):
+        draws = np.random
+        for i in range(len(state.q)):
+            command[i, 0] = draws.uniform(0.0, 1.0)
+
+    def standard(t, state, reference, command, memory):
+        command[0, 0] = random.random()
+
+    def called(t, state, reference, command, memory):
+        command[0, 0] = drawn(t)
+
+    def clock(t, state, reference, command, memory):
+        command[0, 0] = time.perf_counter()
+
+    def python(t, state, reference, command, memory):
+        with numba.objmode(x="float64"):
+            x = float(t)
+        command[0, 0] = x
+
+    for function in (plain, renamed, standard, called, clock, python):
+        with pytest.raises(ValueError, match=f"{function.__qualname__} uses .* which differs from run to run"):
+            controller(function)
 
 
 def test_one_that_does_not_compile_is_named():

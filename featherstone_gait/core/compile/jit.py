@@ -187,7 +187,7 @@ def direct(dispatcher, *arguments):
 
 
 def outside(function, wrapped):
-    """Compile a user's function on its own, with checks of bounds, in the wrapper that `call_outside` takes.
+    """Compile a user's function on its own, with bounds and divisors checked, in the wrapper that `call_outside` takes.
 
     `wrapped(function)` makes the wrapper, of a float and pointers to float64, the second to int64.  Returns what must
     live as long as the address is used, and the address; with the JIT off the wrapper twice.  The function is cached
@@ -195,7 +195,7 @@ def outside(function, wrapped):
     """
     if not JIT:
         return wrapped(function), wrapped(function)
-    options = {"boundscheck": True, "error_model": "numpy"}
+    options = {"boundscheck": True, "error_model": "python"}
     try:
         inner = numba.njit(function, cache=True, **options)
     except RuntimeError:  # no file of its own

@@ -6,11 +6,13 @@ within a step of the explicit pair.
 """
 
 from ..compile.jit import entry, inline
+from ..compile.optional import any_present
 from ..compile.outside import read_now
 from ..effects.actuator import controller_of
 from ..effects.controller import apply_delayed
 from ..effects.push import EVENT_MARGIN, next_edge
 from ..step.pace import EVALUATIONS, EVENT, GRID, INSIDE, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
+from ..step.program import writes_torques
 from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
 from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
@@ -40,8 +42,8 @@ def rollout_adaptive(run, y, out):
                 record(run, y, k // plan.per_sample, out)
             if k == plan.steps or dead:
                 break
-        controller, delay = controller_of(run.scene.actuator), run.scene.firmware.delay
-        end = _end(controller, delay, ends_on_records(run.work), plan, k)
+        sampled = any_present(controller_of(run.scene.actuator), writes_torques(run.signals.program))
+        end = _end(sampled, run.scene.firmware.delay, ends_on_records(run.work), plan, k)
         dead = _cross(run, y, k, end, most, out)
         if pace[GRID] > 0.0:
             return False
@@ -68,12 +70,12 @@ def _begin(run, y):
 
 
 @inline
-def _end(controller, delay, ends, plan, k):
+def _end(sampled, delay, ends, plan, k):
     """Return the grid step at which the next interval ends."""
     end = plan.steps
     if ends is not None:
         end = min(end, (k // plan.per_sample + 1) * plan.per_sample)
-    if controller is not None:
+    if sampled is not None:
         end = min(end, (k // plan.per_tick + 1) * plan.per_tick)
     if delay is not None:  # the next step at which delayed voltages are applied
         due = k - k % plan.per_tick + delay.shift

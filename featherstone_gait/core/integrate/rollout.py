@@ -7,7 +7,7 @@ from ..compile.outside import read_now
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import apply_delayed, control_tick
-from ..step.program import commanded
+from ..step.program import commanded, writes_torques
 from ..step.signals import EVENT_MARGIN, evaluate, time_of
 from ..tree.coupling import follow
 from ..tree.energy import center_of_floating
@@ -66,6 +66,7 @@ def _freeze_ended(dead, good, y):
 def tick(run, k, t, y):
     """Let sampled controllers act, at step k: they see the reference as it was a lag ago, of knots or samples."""
     _tick(controller_of(run.scene.actuator), run.signals.samples, run.signals.reference, run, k, t, y)
+    _hold_torques(writes_torques(run.signals.program), run, k, t, y)
 
 
 @inline
@@ -80,6 +81,17 @@ def _tick(controller, samples, reference, run, k, t, y):
         goal, noise = commanded(u.program, plan, k, y, goal), item(u.noise, k // plan.per_tick)
         period, delay = plan.per_tick * plan.h, run.scene.firmware.delay
         control_tick(controller, delay, run.scene, run.offsets[0], goal, noise, y, period)
+
+
+@inline
+def _hold_torques(present, run, k, t, y):
+    """Let a program write the torques on the joints that stand until the next tick."""
+    if present is not None:
+        u = run.signals
+        evaluate(u.reference, t + EVENT_MARGIN, u.drive)
+        command = commanded(u.program, run.plan, k, y, u.drive)
+        for i in range(len(u.tau)):
+            u.torques.cubics[0, i, 0] = command[i, 0]
 
 
 @inline

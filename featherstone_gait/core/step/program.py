@@ -1,4 +1,4 @@
-"""A controller from elsewhere that acts within a run: at ticks it makes of what servos are to follow what they follow.
+"""A controller from elsewhere that acts within a run: at ticks it writes what servos follow, or torques on the joints.
 
 Its function is called by its address, lane by lane, with copies of what the lane has.
 """
@@ -14,7 +14,9 @@ from ..compile.outside import call_outside
 from ..compile.structure import structure
 
 DONE, FIRST, OFFSET = 0, 1, 2  # of the clock: steps since the controller's start, steps before that, time before [s]
-FAILED, WHEN = 0, 1  # of its failure: 1 where it has raised an exception, at the time [s]
+FAILED, WHEN, WHERE = 0, 1, 2  # of its failure: one of the following, at the time [s], at this index of the command
+RAISED, NOT_FINITE = 1.0, 2.0  # an exception; a number beyond `LARGEST`
+LARGEST = 1e50  # number of a command
 
 
 @structure
@@ -23,7 +25,8 @@ class Program(NamedTuple):
 
     function: int  # address
     every: int  # ticks from one call to the next
-    replaces: bool | None  # True: what servos follow is zero where it writes nothing; None: it is the reference
+    replaces: bool | None  # True: its command is zero where it writes nothing; None: it is the reference
+    torques: bool | None  # True: its command is torques on the joints [N m or N], of which the rates mean nothing
     command: np.ndarray  # (n, 2) what servos follow, and its rate
     memory: np.ndarray  # (K,)
     clock: np.ndarray  # (3,)
@@ -33,11 +36,20 @@ class Program(NamedTuple):
     reference: np.ndarray  # (2 n,)
     own_command: np.ndarray  # (2 n,)
     own_memory: np.ndarray  # (K,)
-    failure: np.ndarray  # (2,)
+    failure: np.ndarray  # (3,)
 
     SHARED = (
-        "function", "every", "replaces", "state", "offsets", "reference", "own_command", "own_memory", "failure"
+        "function", "every", "replaces", "torques", "state", "offsets", "reference", "own_command", "own_memory",
+        "failure",
     )  # fmt: skip
+
+
+@overridable
+def writes_torques(program):
+    """Return True, None where there is no program or servos follow it."""
+
+
+writes_torques.of(Program)(lambda program: program.torques)
 
 
 @overridable
@@ -76,8 +88,17 @@ def act(replaces, program, plan, k, y, reference):
                 program.failure,
             )  # fmt: skip
             call_outside(program.function, t, arrays)
-            for i in range(len(program.own_command)):
-                command[i * width + lane] = program.own_command[i]
-            for i in range(len(program.own_memory)):
-                memory[i * width + lane] = program.own_memory[i]
+            look_for_failure(program)
+            if program.failure[FAILED] == 0.0:
+                for i in range(len(program.own_command)):
+                    command[i * width + lane] = program.own_command[i]
+                for i in range(len(program.own_memory)):
+                    memory[i * width + lane] = program.own_memory[i]
 
+
+@kernel
+def look_for_failure(program):
+    """Note a number of the command that is not finite, or beyond all bounds."""
+    for i in range(len(program.own_command)):
+        if program.failure[FAILED] == 0.0 and not abs(program.own_command[i]) <= LARGEST:
+            program.failure[FAILED], program.failure[WHERE] = NOT_FINITE, i
