@@ -16,7 +16,8 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
@@ -28,6 +29,8 @@ from ..core.compile.lock import lock
 if TYPE_CHECKING:
     import numpy as np
 
+MOST_EXPANSION = 100  # of a .npz: bytes of its arrays by bytes of the file; recorded numbers compress to a tenth
+SMALL = 256 * 2**20  # bytes of arrays, up to which files may expand more
 FilePath = str | os.PathLike[str]
 
 
@@ -179,19 +182,56 @@ def read_json(path: FilePath, form: Format) -> dict[str, Any]:
     return content
 
 
-def read_arrays(path: FilePath, form: Format) -> dict[str, np.ndarray]:
-    """Read the arrays of a .npz file, without its format.  Raises as `read_json`."""
+def read_arrays(
+    path: FilePath, form: Format, check: Callable[[dict[str, np.ndarray]], object] | None = None
+) -> dict[str, np.ndarray]:
+    """Read the arrays of a .npz file, without its format.  Raises as `read_json`, and for what expands beyond measure.
+
+    check: called before memory is taken for the arrays, with stand-ins of their shapes and types.
+    """
     import numpy as np
 
     with Path(path).open("rb") as file:
-        try:
-            with np.load(file) as data:
-                arrays = {name: data[name] for name in data.files}
-            foreign = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
-            if foreign:
-                raise ValueError(f"{foreign[0][:40]!r} is no array")
-        except Exception as error:  # a damaged file can make the reader fail in any way
-            why = f"damaged, or no .npz file ({type(error).__name__}: {error})"
-            raise ValueError(f"{path}: {why}; take an undamaged copy, or make it again") from error
-    form.check(path, arrays.pop("format", None))
-    return arrays
+        with _undamaged(path):
+            declared = _declared(file)
+        size, most = sum(array.nbytes for array in declared.values()), os.path.getsize(path) * MOST_EXPANSION
+        if size > max(most, SMALL):
+            raise ValueError(
+                f"{path}: its arrays take {size} bytes, more than {MOST_EXPANSION} times those of the file; at most "
+                f"{SMALL} do that: take an undamaged copy, or make it again"
+            )
+        with _undamaged(path), np.load(file) as data:
+            stated = data["format"] if declared.pop("format", None) is not None else None
+        form.check(path, stated)
+        if check is not None:
+            check(declared)
+        file.seek(0)
+        with _undamaged(path), np.load(file) as data:
+            return {name: data[name] for name in declared}
+
+
+@contextmanager
+def _undamaged(path: FilePath) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # a damaged file can make the reader fail in any way
+        why = f"damaged, or no .npz file ({type(error).__name__}: {error})"
+        raise ValueError(f"{path}: {why}; take an undamaged copy, or make it again") from error
+
+
+def _declared(file: IO[bytes]) -> dict[str, np.ndarray]:
+    """Read what the headers of a .npz file state: arrays of these shapes and types that take no memory."""
+    import numpy as np
+
+    declared = {}
+    with zipfile.ZipFile(file) as archive:
+        for name in archive.namelist():
+            if not name.endswith(".npy"):
+                raise ValueError(f"{name[:40]!r} is no array")
+            with archive.open(name) as entry:
+                version = np.lib.format.read_magic(entry)
+                read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+                shape, _, dtype = read(entry)
+            declared[name.removesuffix(".npy")] = np.broadcast_to(np.zeros((), dtype), shape)
+    file.seek(0)
+    return declared

@@ -22,6 +22,7 @@ from defusedxml.ElementTree import fromstring
 
 from ..model.shapes import Mesh
 from .hull import Corners, corners_of, hull_indices
+from .mesh_size import check_dae, check_gltf
 
 MAX_BYTES = 100_000_000  # of one file
 KINDS = (".stl", ".obj", ".dae", ".glb", ".gltf")
@@ -207,6 +208,7 @@ def _without_colors(path: Path, data: bytes) -> tuple[bytes, float]:
         root = fromstring(data, forbid_dtd=True)
         stated = root.find("{*}asset/{*}unit")
         unit = 1.0 if stated is None else float(stated.get("meter", 1.0))
+        check_dae(root)
     except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
         raise ValueError(f"{path}: cannot be read as DAE: {error}; export the mesh again") from error
     if not 0.0 < unit < math.inf:
@@ -228,14 +230,15 @@ def _without(root: Element, drop: Callable[[Element], bool]) -> bytes:
 
 
 def _check_gltf(path: Path, data: bytes) -> None:
-    """Raise ValueError for a glTF whose numbers are compressed, which the reader would take for zeros."""
+    """Raise ValueError for a glTF that is too large, or compressed, whose numbers the reader would take for zeros."""
     binary = data[:4] == b"glTF"  # a header of 12 bytes, then the first chunk: length, "JSON", text
     text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
     try:
         content = json.loads(text)
         needed = [name for name in content.get("extensionsRequired", ()) if not name.startswith(LOOKS)]
         without = sum("bufferView" not in accessor for accessor in content.get("accessors", ()))
-    except (ValueError, AttributeError, TypeError, RecursionError) as error:
+        check_gltf(content)
+    except (ValueError, AttributeError, TypeError, LookupError, RecursionError) as error:
         raise ValueError(f"{path}: cannot be read as glTF: {error}; export the mesh again") from error
     if needed or without:
         why = f"needs {', '.join(map(str, needed))}" if needed else "has accessors without numbers"

@@ -26,6 +26,13 @@ def structure(constants: Any) -> Hashable:
     return constants.shape, constants.dtype, *(part.tobytes() for part in parts if part.dtype.kind != "f")
 
 
+def numbers_in(constants: Any) -> bytes:
+    """Return all numbers of a scene's constants, for digests."""
+    if isinstance(constants, tuple):
+        return b"(" + b",".join(map(numbers_in, constants)) + b")"
+    return constants.tobytes() if isinstance(constants, np.ndarray) else repr(constants).encode()
+
+
 def merge(parts: Sequence[Any]) -> Any:
     """Merge the constants of scenes of one structure; what differs between them is `Varying`, and still zero."""
     first = parts[0]

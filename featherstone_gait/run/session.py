@@ -12,6 +12,7 @@ A session has the bits of one `simulate` call whose reference holds each action 
 from __future__ import annotations
 
 import copy
+import hashlib
 import json
 import math
 import threading
@@ -37,6 +38,7 @@ from .classify import Outcome, classify
 from .compiled_run import CompiledRun
 from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, second_run
 from .fleet import Fleet
+from .lane_constants import numbers_in
 from .observation import Log, View
 from .prepare import coordinates, each_once, prepare, steps_between_records, with_tolerance
 from .program import CompiledController, open_loop, with_ticks
@@ -52,6 +54,7 @@ FORMAT = Format("session", 1)
 Observation = dict[str, Any]  # arrays (n, ...) by name; of sole_forces arrays by link
 
 
+REMAKE = "make it with the scene and arguments of the file"
 CHANGING = ("_issued", "_ticks", "_fresh", "_any_fresh", "_inaccurate")  # of a session, by a step
 
 
@@ -501,23 +504,32 @@ class Session:
         with self._alone():
             kept = self._kept()
         with complete(path) as temporary, temporary.open("xb") as file:
-            np.savez_compressed(file, format=str(FORMAT), **kept)
+            np.savez_compressed(file, format=str(FORMAT), scene=self._digest(), **kept)
 
     def restore(self, path: FilePath) -> Observation:
-        """Go on from what `save` wrote of a session with the same robots.
+        """Go on from what `save` wrote of a session of the same scene, seed, noise, pushes, tolerances and controller.
 
-        Raises ValueError, naming the file, if it is damaged or of others.
+        Raises ValueError, naming the file, if it is damaged or of another session.
         """
         with self._alone():
-            kept, own = read_arrays(path, FORMAT), self._kept()
-            for name in own.keys() | kept.keys():
-                fits = name in own and name in kept and own[name].shape == kept[name].shape
-                if not fits or (name == "what" and str(own[name]) != str(kept[name])):
-                    now, then = (str(x.get(name, "missing"))[:200] for x in (own, kept))
-                    raise ValueError(
-                        f"{Path(path)}: {name} is {then if name == 'what' else 'of another shape'}; this session has "
-                        f"{now if name == 'what' else 'other robots'}: make it with the same scene and arguments"
-                    )
+            own: dict[str, Any] = {"scene": np.array(self._digest()), **self._kept()}
+
+            def check(declared: dict[str, np.ndarray]) -> None:
+                for name in own.keys() | declared.keys():
+                    mine, given = ((x[name].shape, x[name].dtype.kind) if name in x else None for x in (own, declared))
+                    if mine != given:
+                        how = "missing" if given is None else "of another shape"
+                        raise ValueError(f"{Path(path)}: {name} is {how}; this session has other robots: {REMAKE}")
+
+            kept = read_arrays(path, FORMAT, check)
+            if str(kept["what"]) != str(own["what"]):
+                then, now = (str(x["what"])[:200] for x in (kept, own))
+                raise ValueError(f"{Path(path)}: what is {then}; this session has {now}: {REMAKE}")
+            if str(kept["scene"]) != str(own["scene"]):
+                raise ValueError(
+                    f"{Path(path)}: it is of another scene: some number of the robot, ground, gravity, servos, seed, "
+                    f"noise, pushes, tolerances or controller differs; {REMAKE}"
+                )
             self._take(kept)
             self._log.restart(np.ones(self.n, bool))
             return self._observed()
@@ -535,6 +547,21 @@ class Session:
         if self._draws:
             kept["draws"] = np.array([json.dumps(draw.bit_generator.state) for draw in self._draws], "U400")
         return kept
+
+    def _digest(self) -> str:
+        """Return a hash of all numbers that a step depends on, and of the seed."""
+        given, found = self._given, hashlib.sha256()
+        controller = given["controller"]
+        program = controller and (controller.name, controller.memory, controller.period, controller.writes)
+        begins = b"" if controller is None or controller.begins is None else controller.begins.tobytes()
+        found.update(repr([given[name] for name in ("seed", "rtol", "atol")] + [program]).encode() + begins)
+        found.update(b"" if self._deviations is None else self._deviations.tobytes())
+        of_scene: dict[int, bytes] = {}
+        for run in self._runs:
+            if id(run.scene) not in of_scene:
+                of_scene[id(run.scene)] = numbers_in(run.scene.constants)
+            found.update(of_scene[id(run.scene)])
+        return found.hexdigest()
 
     def _take(self, kept: dict[str, np.ndarray]) -> None:
         everyone = np.ones(self.n, bool)

@@ -7,6 +7,8 @@ import os
 import signal
 import subprocess
 import sys
+import tracemalloc
+import zipfile
 from concurrent.futures import Future
 
 import numpy as np
@@ -20,7 +22,7 @@ from featherstone_gait.optimize import OptimizeOptions, main_job, planning
 from featherstone_gait.search import AdaptiveSimulatedAnnealing, minimize
 from featherstone_gait.study import read_study, run_study
 from featherstone_gait.study.run import Log
-from featherstone_gait.walking import read_angles
+from featherstone_gait.walking import read_angles, read_motion, read_walk
 
 SEARCH = dict(amplitude=0.3, max_iterations=30, seed=7)
 STUDY = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.1\n[vary]\nservo.Kp = [20.0, 61.0]\n'
@@ -338,3 +340,47 @@ def test_a_disk_that_is_full_only_when_it_is_waited_for_ends_a_study(tmp_path, m
             log.append([0], [row])
         code = errno.EINVAL  # of what is no disk, such as a pipe
         log.append([1], [row])
+
+
+# ---------------------------------------------------------------------------------------------- files that expand
+
+
+def taken(function):
+    """The ValueError that a call raises, and the memory that it took [bytes]."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=r"run\.npz") as error:
+            function()
+        return str(error.value), tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["channel_q", "final", "second_final", "error_q", "more"])
+def test_arrays_of_other_shapes_are_refused_before_they_take_memory(tmp_path, name):
+    RUN.save(tmp_path / "run")
+    arrays = dict(np.load(tmp_path / "run.npz"))
+    np.savez_compressed(tmp_path / "run.npz", **arrays | {name: np.zeros((2000, 2000))})
+    text, memory = taken(lambda: Trajectory.load(tmp_path / "run"))
+    assert "array" in text
+    assert memory < 4_000_000  # of 32 MB
+
+
+@pytest.mark.parametrize("read", [read_motion, read_walk, Trajectory.load])
+def test_a_file_that_expands_beyond_measure_is_refused_by_its_headers(tmp_path, read):
+    RUN.save(tmp_path / "run")
+    with zipfile.ZipFile(tmp_path / "run.npz", "w") as archive, archive.open("final.npy", "w") as entry:
+        header = {"descr": "<f8", "fortran_order": False, "shape": (10**11,)}
+        np.lib.format.write_array_header_1_0(entry, header)
+    text, memory = taken(lambda: read(tmp_path / "run.npz"))
+    assert "800000000000 bytes" in text
+    assert memory < 4_000_000
+
+
+@pytest.mark.parametrize("header", [b"", b"\x93NUMPY\x01\x00", b"no header at all, but text of some length"])
+def test_a_wrong_header_of_an_array_is_damage(tmp_path, header):
+    with zipfile.ZipFile(tmp_path / "run.npz", "w") as archive:
+        archive.writestr("final.npy", header)
+    (tmp_path / "run.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"run\.npz: damaged"):
+        Trajectory.load(tmp_path / "run")

@@ -5,6 +5,7 @@ import pickle
 import resource
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -302,6 +303,38 @@ def test_copies_files_and_pickles_go_on_alike(tmp_path):
         Session(scene, 8, noise=(1e-3, 0.1)).restore(tmp_path / "session.npz")
     (tmp_path / "session.npz").write_bytes(b"no")
     with pytest.raises(ValueError, match="damaged"):
+        session.restore(tmp_path / "session.npz")
+
+
+def test_a_file_of_another_scene_is_refused(tmp_path):
+    """Shapes, names and integrators are the same; a number differs."""
+    scene, how = servo_arm(), {"noise": (1e-3, 0.1), "seed": 3}
+    path, pushes = tmp_path / "session.npz", [Push(scene.model.links[-1].name, force=(0.0, 1.0, 0.0))]
+    session = Session(scene, 2, **how)
+    session.save(path)
+    softer = replace(scene.model, joints=tuple(replace(j, damping=j.damping + 1e-3) for j in scene.model.joints))
+    Session(servo_arm(), 2, **how).restore(path)
+    others = [
+        Session(scene.recompiled(gravity=(0.0, 0.0, -3.7)), 2, **how),
+        Session(scene.recompiled(softer), 2, **how),
+        Session(scene, 2, noise=(1e-3, 0.1), seed=4),
+        Session(scene, 2, noise=(1e-3, 0.2), seed=3),
+        Session(scene, 2, pushes=pushes, **how),
+    ]
+    for other in others:
+        before = other.state
+        with pytest.raises(ValueError, match=r"session\.npz"):
+            other.restore(path)
+        assert np.array_equal(other.state, before)
+
+
+def test_a_file_that_does_not_say_of_which_scene_it_is_is_refused(tmp_path):
+    session = Session(servo_arm(), 2)
+    session.save(tmp_path / "session.npz")
+    arrays = dict(np.load(tmp_path / "session.npz"))
+    del arrays["scene"]
+    np.savez_compressed(tmp_path / "session.npz", **arrays)
+    with pytest.raises(ValueError, match=r"session\.npz: scene is missing"):
         session.restore(tmp_path / "session.npz")
 
 
