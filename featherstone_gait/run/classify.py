@@ -39,6 +39,7 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
     info = {
         "robot": scene.model.name,
         "joints": list(scene.model.joint_names),
+        "joint_types": [joint.type for joint in scene.model.moving_joints],
         "integrator": scene.integrator,
         "timestep": scene.timestep,
         "reason": scene.preflight.reason,

@@ -30,6 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.step import pace
+from ..scene.channels import unit_of
 from ..scene.compile import CompiledScene
 from ..scene.friction import widened
 from .classify import beyond_stability
@@ -179,7 +180,9 @@ def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
         return None
     k, name, limit, unit = min(found)
     column = int(error[name][k].argmax())
-    what = run.info["joints"][column] if name in ("q", "qd") else f"number {column} of {name}"
+    what = f"number {column} of {name}"
+    if name in ("q", "qd"):
+        what, unit = run.info["joints"][column], unit_of(name, run.info.get("joint_types", ())[column : column + 1])
     finer = f"rtol than {run.info['rtol']:g}" if "rtol" in run.info else f"timestep than {run.info['timestep']:g} s"
     far = error[name][k, column]
     by = "(the same run in other steps ended otherwise)"

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..base.files import FilePath, complete
 from ..core.step.state import BY_NAME
+from ..scene.channels import unit_of
 
 OF_JOINTS = ("joint", "servo", "rotor", "profile", "fed")
 
@@ -37,7 +38,7 @@ def to_pandas(self: Any) -> Any:
             key = ".".join([name, *(labels[k] for (_, labels), k in zip(axes, at))])
             columns[key] = channels[name][(slice(None), *at)]
     frame = pandas.DataFrame(columns, index=pandas.Index(channels["time"], name="time"))
-    units = {name: BY_NAME[name].unit for name in channels if name in BY_NAME}
+    units = {name: unit_of(name, _types(self)) for name in channels if name in BY_NAME}
     frame.attrs |= {**_attributes(self), "units": json.dumps(units, ensure_ascii=False)}
     return frame
 
@@ -58,7 +59,8 @@ def to_xarray(self: Any) -> Any:
     xarray, variables = _imported("xarray"), {}
     coordinates: dict[str, Any] = {"time": ("time", self.channels["time"], {"units": "s"})}
     for name, axes in _axes(self).items():
-        attributes = {"units": BY_NAME[name].unit, "long_name": BY_NAME[name].what} if name in BY_NAME else {}
+        unit = unit_of(name, _types(self))
+        attributes = {"units": unit, "long_name": BY_NAME[name].what} if name in BY_NAME else {}
         variables[name] = (("time", *(axis for axis, _ in axes)), self.channels[name], attributes)
         coordinates |= {axis: (axis, labels, {}) for axis, labels in axes}
     return xarray.Dataset(variables, coordinates, _attributes(self))
@@ -93,6 +95,10 @@ def _imported(library: str) -> Any:
 def _attributes(run: Any) -> dict[str, Any]:
     """Describe the run in plain texts and numbers, as these formats store them."""
     return {**run.described(), "info": json.dumps(run.info, default=float)}
+
+
+def _types(run: Any) -> list[str]:
+    return run.info.get("joint_types") or []
 
 
 def _axes(run: Any) -> dict[str, list[tuple[str, list[str]]]]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ..base import deprecated
 from ..base.brief import some
-from ..core.step.state import BY_NAME, RECORDABLE
+from ..core.step.state import BY_NAME, RECORDABLE, UNITS
 
 OLD = {  # names until version 0.2
     "passes": "newton_iterations",
@@ -21,6 +21,7 @@ OLD = {  # names until version 0.2
     "bus": "bus_voltage",
     "goal": "profiled_reference",
 }
+OF_SLIDERS = ("m", "m/s", "m/s²", "N")  # units of what turning joints have in rad, rad/s, rad/s² and N m
 OLD_LABELS = {"meter": "electrical_no_regeneration", "driver": "driver_loss"}
 
 
@@ -43,6 +44,15 @@ def channel_table() -> str:
     width = max(map(len, RECORDABLE))
     rows = ((name, BY_NAME[name], ", ".join(BY_NAME[name].labels)) for name in RECORDABLE)
     return "\n".join(f"{name:{width}}  {one.what} [{one.unit}]{labels and f': {labels}'}" for name, one, labels in rows)
+
+
+def unit_of(name: str, types: Iterable[str]) -> str:
+    """Return the unit of a channel whose joints have these types; "A or B" if some turn and some slide."""
+    unit, kinds = UNITS.get(name, ""), {kind == "prismatic" for kind in types}
+    turning, _, sliding = unit.partition(" or ")
+    if sliding not in OF_SLIDERS or len(kinds) != 1:
+        return unit
+    return sliding if kinds.pop() else turning
 
 
 def column_of(name: str, label: str) -> int:

@@ -14,8 +14,9 @@ from ..dynamics import check_model, forward_kinematics
 from ..model import Model
 from ..run.trajectory import Trajectory
 from ..run.trajectory import positions as positions
+from ..scene.channels import unit_of
 from .recorded import columns_of
-from .style import BAD, COLORS, label_ends, look
+from .style import BAD, COLORS, label_ends, look, shown_once
 from .visuals import SIDES_OF, side_of
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class _Table(NamedTuple):
     axis: str  # name and unit
     labels: list[str]
     values: np.ndarray  # (samples, lines)
+    units: list[str]  # of each line, where they differ
 
 
 def plot(trajectory: Trajectory, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None) -> Figure:
@@ -66,7 +68,7 @@ def plot(trajectory: Trajectory, *names: str, axes: Axes | Sequence[Axes] | np.n
             raise ValueError(f"names: there is no channel {shown(name)}; channels: {', '.join(map(str, trajectory))}")
     with look():
         if axes is None:
-            return _rows(trajectory, [_table(trajectory, name) for name in names])
+            return shown_once(_rows(trajectory, [_table(trajectory, name) for name in names]))
         panels = np.ravel(np.asarray(axes, dtype=object))
         _check_axes(panels)
         if len(panels) != len(names):
@@ -76,7 +78,7 @@ def plot(trajectory: Trajectory, *names: str, axes: Axes | Sequence[Axes] | np.n
             _draw(panel, trajectory, table, _styles(table.labels), range(len(table.labels)))
             panel.set_ylabel(table.axis)
         panels[-1].set_xlabel("time [s]")
-        return panels[-1].figure
+        return shown_once(panels[-1].figure)
 
 
 def plot_trajectory(trajectory: Trajectory, names: Sequence[str], axes: Any = None) -> Figure:
@@ -119,8 +121,12 @@ def _rows(trajectory: Trajectory, tables: list[_Table]) -> Figure:
 def _table(trajectory: Trajectory, name: str) -> _Table:
     """Convert a channel to lines; forces and energies with several numbers are summed over joints or contact points."""
     summed = UNITS.get(name) in ("J", "N")
-    axis = f"{name} [{UNITS[name]}]" if name in UNITS else name
-    return _Table(axis, *columns_of(name, trajectory[name], trajectory.info.get("joints", ()), summed))
+    types = trajectory.info.get("joint_types", ())
+    unit = unit_of(name, types)
+    labels, values = columns_of(name, trajectory[name], trajectory.info.get("joints", ()), summed)
+    units = [unit_of(name, [kind]) for kind in types]
+    differ = len(types) == len(labels) and len({*units}) > 1
+    return _Table(f"{name} [{unit}]" if unit else name, labels, values, units if differ else [""] * len(labels))
 
 
 def _sides(labels: list[str]) -> list[tuple[str, list[int]]]:
@@ -165,7 +171,8 @@ def _draw(
         column = table.values[:last, k]
         axes.plot(time[:last], column, stroke, color=color, label=table.labels[k])
         if np.isfinite(column[-1]):
-            ends.append((float(column[-1]), label.replace("_", " "), color))
+            unit = f" [{table.units[k]}]" if table.units[k] else ""
+            ends.append((float(column[-1]), label.replace("_", " ") + unit, color))
     axes.margins(x=0.0)
     axes.set_xlim(float(time[0]), float(time[-1]) if len(time) > 1 else None)
     if len(table.labels) > 1:
@@ -242,7 +249,7 @@ def plot_motion(
     middle, half = 0.5 * (sticks.max((0, 1, 2)) + sticks.min((0, 1, 2))), 0.55 * np.ptp(sticks, (0, 1, 2)).max()
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
     axes.grid(alpha=0.3)
-    return axes.figure  # type: ignore[return-value]  # that of axes in a part of a figure is the part
+    return shown_once(axes.figure)  # that of axes in a part of a figure is the part
 
 
 def _sticks(model: Model, q: np.ndarray) -> np.ndarray:

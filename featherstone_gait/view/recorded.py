@@ -11,12 +11,12 @@ import numpy as np
 
 from ..base.arguments import instance
 from ..core.effects.energies import METER, SUPPLY
-from ..core.step.state import BY_NAME, UNITS
+from ..core.step.state import BY_NAME
 from ..dynamics import deepest_points, forward_kinematics
 from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..run.sensors import in_world
 from ..run.trajectory import Trajectory, positions
-from ..scene.channels import column_of
+from ..scene.channels import column_of, unit_of
 from ..scene.contact import ground_under, plane_axes
 from .visuals import FACES, Body, Piece, bodies, side_of, sided
 
@@ -363,7 +363,7 @@ def channels_of(model: Model, run: Trajectory, last: int, most: int = PLOTTED) -
 
 def _column_table(model: Model, run: Trajectory, name: str, values: np.ndarray) -> tuple[str, list[str], np.ndarray]:
     """Find unit, labels and (samples, columns) of a channel; energies are summed over joints, forces over links."""
-    channel, unit = BY_NAME.get(name), UNITS.get(name, "")
+    channel, unit = BY_NAME.get(name), unit_of(name, [joint.type for joint in model.moving_joints])
     if name == "contact_force" and values.ndim == 3 and values.shape[1] == len(model.contacts):
         links = [point.link for point in model.contacts]
         normal = values[..., column_of(name, "normal")]

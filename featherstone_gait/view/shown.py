@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -25,6 +24,7 @@ from ..scene.contact import standing_height
 from .live import Live, serve
 from .page import Page, page_html
 from .recorded import Seen
+from .style import in_notebook
 
 Robot = Model | CompiledScene | str | os.PathLike[str] | None
 
@@ -145,14 +145,8 @@ def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
     channels |= {"base_q": q[None, :7]} if model.base == "floating" else {}
     text = f"{model.name}, {keyframe or 'the posture nearest to zero'}"
     info = {"robot": model.name, "joints": list(model.joint_names), "start": text}
+    info["joint_types"] = [joint.type for joint in model.moving_joints]
     return Trajectory(channels, Status.OK, "", 0.0, np.zeros(0), info)
-
-
-def in_notebook() -> bool:
-    """Return whether the program runs in a notebook, which shows HTML."""
-    ipython = sys.modules.get("IPython")
-    shell = ipython.get_ipython() if ipython is not None else None
-    return shell is not None and "kernel" in type(shell).__module__
 
 
 def robot_of(trajectory: Trajectory, robot: Robot = None) -> tuple[Model, Ground | None]:

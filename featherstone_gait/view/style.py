@@ -5,8 +5,11 @@ Colors are those of M. Okabe and K. Ito (2008) without yellow, which is too pale
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +28,33 @@ LOOK: dict[str, Any] = {
     "grid.linewidth": 0.6, "legend.frameon": False, "legend.fontsize": 8, "lines.linewidth": 1.3,
     "xtick.labelsize": 8, "ytick.labelsize": 8,
 }  # fmt: skip
+
+
+def in_notebook() -> bool:
+    """Return whether the program runs in a notebook, which shows HTML."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    return shell is not None and "kernel" in type(shell).__module__
+
+
+def shown_once(figure: Any) -> Any:
+    """Return a figure of pyplot, which a notebook draws once: as the value of its cell, or else when the cell ends."""
+    if in_notebook():
+        figure.get_figure(root=True)._ipython_display_ = partial(_display, figure)  # IPython calls it to show a value
+    return figure
+
+
+def _display(figure: Any) -> None:
+    """Draw a figure in a notebook, and close it, lest the end of the cell draws it again; leave windows alone."""
+    from IPython.display import Image, display
+    from matplotlib import get_backend, pyplot
+
+    whole, backend = figure.get_figure(root=True), get_backend().lower()
+    if "inline" in backend or backend == "agg" or not pyplot.fignum_exists(getattr(whole, "number", -1)):
+        picture = BytesIO()
+        whole.savefig(picture, format="png", bbox_inches="tight")
+        display(Image(picture.getvalue()))
+        pyplot.close(whole)
 
 
 @contextmanager

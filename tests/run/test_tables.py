@@ -46,7 +46,7 @@ def test_a_data_set_has_named_axes_and_units(run):
     pytest.importorskip("xarray")
     found, joints = run.to_xarray(), run.info["joints"]
     assert found["energy"].dims == ("time", "joint", "energy_1")
-    assert found["q"].attrs["units"] == "rad or m"
+    assert found["q"].attrs["units"] == "rad"
     copper = found["energy"].sel(joint=joints[3], energy_1="copper")
     assert np.array_equal(copper, run.column("energy", "copper")[:, 3])
     assert found.attrs["status"] == run.status

@@ -1,9 +1,12 @@
 """Figures: what their lines are, what is told at their ends, and figures to the digit that means something."""
 
 import matplotlib
+import matplotlib.pyplot
+import nbformat
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from nbclient import NotebookClient
 from pages import fallen, humanoid, walking
 
 from featherstone_gait import Trajectory, load_robot, plot
@@ -101,3 +104,41 @@ def test_labels_move_no_farther_than_they_must():
 def test_a_claim_has_no_error_smaller_than_its_digits():
     assert plus_minus(-0.135, -0.135 + 3e-13, ".3f") == "-0.135"
     assert plus_minus(-0.135, -0.131, ".3f") == "-0.135 ± 0.004"
+
+
+@pytest.mark.parametrize(
+    ("types", "units"),
+    [(["revolute"], ["q [rad]", "qd [rad/s]", "torque [N m]"]), (["prismatic"], ["q [m]", "qd [m/s]", "torque [N]"])],
+)
+def test_axes_have_the_unit_of_the_joint(types, units):
+    values = {"time": np.linspace(0, 1, 5)} | {name: np.zeros((5, 1)) for name in ("q", "qd", "torque")}
+    run = Trajectory(values, "ok", "", 1.0, np.zeros(0), {"joints": ["one"], "joint_types": types})
+    assert [axes.get_ylabel() for axes in plot(run).axes] == units
+
+
+def test_lines_have_units_where_joints_turn_and_slide():
+    values = {"time": np.linspace(0, 1, 5), "q": np.outer(np.ones(5), [0.0, 1.0]), "power": np.zeros((5, 2))}
+    run = Trajectory(
+        values, "ok", "", 1.0, np.zeros(0), {"joints": ["cart", "pole"], "joint_types": ["prismatic", "continuous"]}
+    )
+    positions, power = plot(run).axes
+    assert {text.get_text() for text in positions.texts} == {"cart [m]", "pole [rad]"}
+    assert {text.get_text() for text in power.texts} == {"cart", "pole"}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("last", ["plot(run)", "figure", "plot(run);", "_ = plot(run); 1", "plot(run, 'q', axes=axes)"])
+def test_a_notebook_draws_a_figure_once(last, tmp_path, monkeypatch):
+    """Where it is made, as the value of a later cell, and in the axes of another figure."""
+    first = (
+        "import numpy as np\nfrom matplotlib import pyplot\nfrom featherstone_gait import Trajectory, plot\n"
+        "values = {'time': np.linspace(0, 1, 5), 'q': np.zeros((5, 2))}\n"
+        "run = Trajectory(values, 'ok', '', 1.0, np.zeros(0), {'joints': ['one', 'two']})\n"
+    )
+    cells = [first, "figure = plot(run)" if last == "figure" else "pass"]
+    cells.append("_, axes = pyplot.subplots()\n" * ("axes" in last) + last)
+    monkeypatch.delenv("MPLBACKEND", raising=False)
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+    NotebookClient(notebook, timeout=300, resources={"metadata": {"path": tmp_path}}).execute()
+    pictures = [sum("image/png" in output.get("data", {}) for output in cell.outputs) for cell in notebook.cells]
+    assert pictures == [0, int(last == "figure"), 1]
