@@ -41,7 +41,7 @@ Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 
 INTERRUPTIBLE = 3e5  # steps by velocities: some 0.1 s of computing, from which on a run looks for Ctrl-C
 PAUSE = 3e4  # evaluations by velocities: some 10 ms, after which a run with error control looks for it
-MOST_KNOTS = 1e8  # of a signal, at which steps of error control end
+MOST_KNOTS = 1e8  # of a signal that steps see at each knot
 OF_MODEL = {"clearance": clearance_channel}  # computed channels that take the robot too
 
 
@@ -120,7 +120,7 @@ class CompiledRun:
     def _knots(self, what: str, signal: Reference | None) -> Knots | None:
         """Return a signal as the kernels read it; ValueError for one that does not fit.
 
-        A cyclic signal would end so many steps of error control that the run takes days.
+        A cyclic signal that steps see at each knot might have so many that the run takes days.
         """
         if signal is None:
             return None
@@ -131,10 +131,11 @@ class CompiledRun:
                 f"{', '.join(scene.model.joint_names)}"
             )
         period, duration = float(signal.times[-1] - signal.times[0]), self.plan.steps * self.plan.h
-        if signal.cyclic and scene.adaptive and duration / period * len(signal.times) > MOST_KNOTS:
+        seen = scene.adaptive or what == "tau" or not scene.sampled
+        if signal.cyclic and seen and duration / period * len(signal.times) > MOST_KNOTS:
             raise ValueError(
                 f"{what}: a period of {period:g} s with {len(signal.times)} knots is passed {duration / period:.3g} "
-                f"times in {duration:g} s, and steps end at each; at most {MOST_KNOTS:g}: give a longer period"
+                f"times in {duration:g} s, and steps see each knot; at most {MOST_KNOTS:g}: give a longer period"
             )
         return signal.knots()
 

@@ -278,8 +278,6 @@ def test_torques_over_time_swing_a_pendulum_as_they_must(integrator, tolerance, 
             return [x[1], (torque - 0.05 * x[1] - 0.25 * G * math.sin(x[0])) / (0.25 / 3)]
 
         q, qd = solve_ivp(rates, (start, end), [q, qd], "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    # A held torque changes within the last stage of the step that ends at a knot: an error of one step.
-    tolerance = max(tolerance, 2e-3) if kind == "hold" else tolerance
     assert run["q"][-1, 0] == pytest.approx(q, abs=tolerance)
     assert run["qd"][-1, 0] == pytest.approx(qd, abs=5 * tolerance)
 

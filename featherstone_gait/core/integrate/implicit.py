@@ -11,7 +11,7 @@ from ..compile.structure import structure
 from ..step.advance import advance
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.newton import solve_step
-from ..step.signals import inputs
+from ..step.signals import inputs_over_step
 from .integrator import Integrator, scratch, take_step, thetas
 
 
@@ -28,7 +28,7 @@ def implicit_step(work, run, y, t, theta):
     """Take one step (figures 2 to 6 of the paper): solve motors, gears, joints and ground together, voltages held."""
     scene, u, scratch, plan = run.scene, run.signals, work.scratch, run.plan
     act, decay, offsets, h = scene.actuator, scene.decay, run.offsets[0], plan.h
-    inputs(u, t + plan.theta * h)
+    inputs_over_step(u, t, h, t + plan.theta * h)
     at = Step(
         scene=scene, actuator=act, decay=decay, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
         predicted=work.predicted, t=t, span=h, h=h, h_implicit=theta * h, theta=theta,

@@ -8,7 +8,7 @@ from ..compile.jit import inline
 from ..compile.structure import structure
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.derivative import derivative
-from ..step.signals import inputs
+from ..step.signals import inputs_over_step
 from ..tree.kinematics import unit_quaternion
 from .integrator import Integrator, scratch, take_step
 
@@ -41,7 +41,7 @@ def rk4_step(work, run, y, t, theta):
     for i in range(n):
         start[i] = y[i]
     for k in range(4):
-        inputs(run.signals, t + 0.5 * h * ((k + 1) // 2))
+        inputs_over_step(run.signals, t, h, t + 0.5 * h * ((k + 1) // 2))
         _evaluate(run, y, t, slope)
         weight = 1.0
         if k == 1 or k == 2:

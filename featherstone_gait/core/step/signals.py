@@ -9,6 +9,9 @@ from ..compile.structure import structure
 from ..effects.push import EVENT_MARGIN  # a tick that falls on a knot sees what begins there
 from .program import Program
 
+GAUSS = 0.28867513459481287  # 1 / sqrt(12): nodes of Gauss's rule of two points, off the middle of an interval
+ROUNDING = 4e-16  # of a time
+
 
 @structure
 class Knots(NamedTuple):
@@ -45,29 +48,94 @@ def time_of(plan, k):
 @kernel
 def evaluate(knots, t, out):
     """Fill out (n, 2) with value and rate [1/s] at the time t."""
-    times = knots.times
+    k, turn, _, _ = _piece(knots, t)
+    _fill(knots, k, t - turn, out)
+
+
+@kernel
+def _piece(knots, t):
+    """Return which cubic is valid at t, when the cycle began, and from when until when the cubic is valid [s]."""
+    times, turn = knots.times, 0.0
     last = len(times) - 1
     if knots.period > 0.0:
-        t = t - np.floor((t - times[0]) / knots.period) * knots.period
-    inside = times[0] <= t <= times[last]
-    t = min(max(t, times[0]), times[last])
-    k = 0
-    high = last
+        turn = np.floor((t - times[0]) / knots.period) * knots.period
+    t = t - turn
+    k, high = 0, last
     while high - k > 1:
         middle = (k + high) // 2
         if times[middle] <= t:
             k = middle
         else:
             high = middle
-    s = t - times[k]
+    begin, end = times[k] + turn, times[k + 1] + turn
+    if knots.period == 0.0 and t < times[0]:
+        begin, end = -1e300, times[0]
+    if knots.period == 0.0 and t >= times[last]:
+        begin, end = times[last], 1e300
+    return k, turn, begin, end
+
+
+@inline
+def _fill(knots, k, t, out):
+    """Fill out (n, 2) with value and rate [1/s] of the cubic k at a time t of the first cycle; outside it is held."""
+    times = knots.times
+    inside = times[0] <= t <= times[len(times) - 1]
+    s = _since(knots, k, t)
     for i in range(len(out)):
-        a, b, c, d = knots.cubics[k, i, 0], knots.cubics[k, i, 1], knots.cubics[k, i, 2], knots.cubics[k, i, 3]
-        out[i, 0] = a + s * (b + s * (c + s * d))
+        b, c, d = knots.cubics[k, i, 1], knots.cubics[k, i, 2], knots.cubics[k, i, 3]
+        out[i, 0] = _value(knots, k, i, s)
         rate = b + s * (2.0 * c + s * (3.0 * d))
         if inside:
             out[i, 1] = rate
         else:
             out[i, 1] = 0.0
+
+
+@inline
+def _since(knots, k, t):
+    return min(max(t, knots.times[0]), knots.times[len(knots.times) - 1]) - knots.times[k]
+
+
+@inline
+def _value(knots, k, i, s):
+    a, b, c, d = knots.cubics[k, i, 0], knots.cubics[k, i, 1], knots.cubics[k, i, 2], knots.cubics[k, i, 3]
+    return a + s * (b + s * (c + s * d))
+
+
+@kernel
+def _over_step(knots, t, h, at, out):
+    """Fill out (n, 2) with value and rate at the time `at` of the step h from t [s], or with the mean if it has knots.
+
+    At a knot where the value jumps, a step that ends there takes what was before, and one that begins there what
+    comes after.
+    """
+    k, turn, start, end = _piece(knots, t + 0.5 * h)
+    _fill(knots, k, at - turn, out)
+    if t + EVENT_MARGIN < start or end + EVENT_MARGIN < t + h:
+        _average(knots, t, t + h, out)
+
+
+@kernel
+def _average(knots, start, end, out):
+    """Replace the values in out (n, 2) by their means from start to end [s], by Gauss's rule between knots.
+
+    The means are summed up from the values that are there, so that a constant stays what it is.  Rates are zero.
+    """
+    for i in range(len(out)):
+        out[i, 1] = out[i, 0]
+    t = start
+    while t < end:
+        least = t + EVENT_MARGIN + ROUNDING * abs(t)  # each pass gets on
+        k, turn, _, until = _piece(knots, least)
+        until = min(max(until, least), end)
+        weight = 0.5 * (until - t) / (end - start)
+        for node in (0.5 - GAUSS, 0.5 + GAUSS):
+            s = _since(knots, k, t + node * (until - t) - turn)
+            for i in range(len(out)):
+                out[i, 0] += weight * (_value(knots, k, i, s) - out[i, 1])
+        t = until
+    for i in range(len(out)):
+        out[i, 1] = 0.0
 
 
 @kernel
@@ -77,9 +145,15 @@ def next_knot(knots, t):
     turns = 0.0
     if knots.period > 0.0:
         turns = np.floor((t + EVENT_MARGIN - times[0]) / knots.period) * knots.period
-    for k in range(len(times)):
-        if times[k] + turns > t + EVENT_MARGIN:
-            return times[k] + turns
+    k, high = 0, len(times)
+    while k < high:
+        middle = (k + high) // 2
+        if times[middle] + turns > t + EVENT_MARGIN:
+            high = middle
+        else:
+            k = middle + 1
+    if k < len(times):
+        return times[k] + turns
     if knots.period > 0.0:
         return times[0] + turns + knots.period
     return 1e300
@@ -87,7 +161,7 @@ def next_knot(knots, t):
 
 @inline
 def inputs(signals, t):
-    """Bring torques and the references of continuous servos to the time t."""
+    """Bring torques and the references of continuous servos to the time t, of a method that ends its steps at knots."""
     _inputs(signals.torques, signals.continuous, signals.reference, signals, t)
 
 
@@ -95,10 +169,30 @@ def inputs(signals, t):
 def _inputs(torques, continuous, reference, signals, t):
     if torques is not None:
         evaluate(torques, t, signals.torque_values)
-        for i in range(len(signals.tau)):
-            signals.tau[i] = signals.torque_values[i, 0]
+        _take(signals)
     if continuous is not None and reference is not None:
         evaluate(reference, t, signals.drive)
+
+
+@inline
+def inputs_over_step(signals, t, h, at):
+    """Bring both to the time `at` of the step h from t [s], or to their means over a step that has knots."""
+    _inputs_over_step(signals.torques, signals.continuous, signals.reference, signals, t, h, at)
+
+
+@inline
+def _inputs_over_step(torques, continuous, reference, signals, t, h, at):
+    if torques is not None:
+        _over_step(torques, t, h, at, signals.torque_values)
+        _take(signals)
+    if continuous is not None and reference is not None:
+        _over_step(reference, t, h, at, signals.drive)
+
+
+@inline
+def _take(signals):
+    for i in range(len(signals.tau)):
+        signals.tau[i] = signals.torque_values[i, 0]
 
 
 @entry
