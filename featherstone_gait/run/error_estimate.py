@@ -10,10 +10,16 @@ difference is taken.
 Fixed steps h: the second run takes steps of 2 h.  The difference is 2^p - 1 errors of the run at order p, and less at
 discontinuities of any order: an error that falls with the root of h is 2.4 differences.  That is taken at order 1, a
 half at order 2, and 0.38 at order 4, which makes a smooth run look six times as wrong as it is.  Where 2 h does not fit
-between ticks or records, or is unstable, the second run takes steps of h / 2, and the error is twice the difference.  A
-run that the second run makes inaccurate gets a third run in steps of h / 2, whose verdict counts: on stiff stops errors
-grow faster than any power of h.  Where at order 1 the difference to the third run is not half of that to the second,
-discontinuities may hide in both, and the error is 3.4 times the difference, as if it fell with the root of h.
+between ticks, records or edges of signals, or is unstable, the second run takes steps of h / 2, and the error is twice
+the difference.  A run that the second run makes inaccurate gets a third run in steps of h / 2, whose verdict counts: on
+stiff stops errors grow faster than any power of h.  Where at order 1 the difference to the third run is not half of
+that to the second, discontinuities may hide in both, and the error is 3.4 times the difference, as if it fell with the
+root of h.
+
+A fixed step takes the mean of what changes within it: a short push keeps its impulse, but acts up to a step too early
+or too late, and steps of other lengths may misplace it by as much.  Where a push, a torque, or a reference that is
+followed at every instant, changes within steps, the second run therefore has error control.  It ends its steps there,
+and the whole difference is the error.
 
 `dop853` cannot resolve steep dry friction and spreads it over a range of speeds about rest.  Its second run doubles
 that range: if the effect is proportional to the range, the difference is the whole effect.
@@ -28,24 +34,29 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.step import pace
 from ..scene.channels import unit_of
 from ..scene.compile import CompiledScene
+from ..scene.external import Push
 from ..scene.friction import widened
 from .classify import beyond_stability
-from .prepare import steps_between_records
+from .prepare import steps_between_records, with_tolerance
+from .reference import Reference
 from .status import Status
 from .trajectory import Trajectory, with_error
 
 COARSER = 10.0  # tolerance of the second run, by the run's
 SHARE = 0.35  # of the difference, that is taken for the error
-WHOLE_OF_IT = 1.0  # where the second run has wider friction, or many steps are rejected
+WHOLE_OF_IT = 1.0  # where the second run has wider friction, or many steps are rejected, or it is no fixed one
 MANY = 0.5  # of those taken; some 0.1 are of a smooth motion
 OF_TWICE, OF_HALF = {1: 2.4, 2: 0.5}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
 OF_HIGHER = 0.38
 OF_ROOT = 3.4  # of h / 2, where the error may fall with the root of h
 ORDERLY = 0.05  # by how much the share that halving the step leaves of a difference may be off a half
+WITHIN_STEPS = 1e-6  # tolerance of the second run where something changes within fixed steps
+ON_STEP = 1e-6  # of a step, by which an edge may be off it
 ROUNDING = 1e-13  # of the values, the least error that is estimated
 LIMIT = 1e-3  # of angles [rad] and positions [m]: beyond it a run is inaccurate
 FIXED_LIMIT = 1e-2  # the same at fixed steps, which are chosen by name
@@ -63,9 +74,9 @@ class SecondRun(NamedTuple):
 
 
 def second_run(
-    scene: CompiledScene, rtol: float | None, atol: float | None, record_interval: float | None
+    scene: CompiledScene, rtol: float | None, atol: float | None, record_interval: float | None, edges: int = 2
 ) -> SecondRun | None:
-    """Choose the second run of a scene; None where steps are fixed and cannot be doubled.
+    """Choose the second run of a scene, with `edges_on_steps`; None where steps are fixed and there is none.
 
     That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
     """
@@ -75,12 +86,36 @@ def second_run(
         return SecondRun(other, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), WHOLE_OF_IT if softer else SHARE)
     if scene.method.drives or scene.by_hand:
         return None
+    if edges == 0:
+        return SecondRun(*_with_error_control(scene), WHOLE_OF_IT)
     every, tick, delay = steps_between_records(scene, record_interval), scene.tick_steps, scene.constants.firmware.delay
-    if every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
+    if edges == 2 and every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
         coarse = _with_step(scene, 2.0)
         if not beyond_stability(coarse):
             return SecondRun(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), _with_step(scene, 0.5))
     return SecondRun(_with_step(scene, 0.5), None, None, OF_HALF)
+
+
+def edges_on_steps(
+    scene: CompiledScene,
+    begin: float,
+    pushes: Sequence[Push],
+    torques: Reference | ArrayLike | None = None,
+    reference: Reference | None = None,
+) -> int:
+    """Return 2 if what acts on a run from `begin` [s] changes at every second of its steps only, 1 at steps, else 0.
+
+    Sampled controllers see their reference at ticks: it does not count.
+    """
+    times, periods = [np.array([push.start, push.end]) for push in pushes], []
+    followed = scene.constants.actuator is not None and not scene.sampled
+    for signal in (torques, reference if followed else None):
+        if isinstance(signal, Reference) and (signal.values != signal.values[0]).any():
+            times.append(signal.times)
+            periods += [float(signal.times[-1] - signal.times[0])] * signal.cyclic
+    edges = np.array([t - begin for t in np.concatenate([[], *times]).tolist() if periods or 0.0 < t < math.inf])
+    steps = np.append(edges, periods) / scene.timestep
+    return next((n for n in (2, 1) if (np.abs(steps - n * np.round(steps / n)) < ON_STEP).all()), 0)
 
 
 @functools.lru_cache(maxsize=16)
@@ -101,6 +136,12 @@ def _with_step(scene: CompiledScene, factor: float) -> CompiledScene:
     """Return the scene with so many times its step, and the same ticks."""
     other = scene.recompiled(timestep=factor * scene.timestep)
     return replace(other, tick_steps=round(scene.tick_steps / factor))
+
+
+@functools.lru_cache(maxsize=16)
+def _with_error_control(scene: CompiledScene) -> tuple[CompiledScene, float | None, float | None]:
+    """Return the scene with steps of any length, and the tolerances."""
+    return with_tolerance(scene, WITHIN_STEPS, WITHIN_STEPS)
 
 
 def with_error_estimate(run: Trajectory, other: Trajectory, share: float, record: Sequence[str]) -> Trajectory:

@@ -36,7 +36,7 @@ from ..scene.compile import CompiledScene
 from ..scene.external import Push
 from .classify import Outcome, classify
 from .compiled_run import CompiledRun
-from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, second_run
+from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, edges_on_steps, second_run
 from .fleet import Fleet
 from .lane_constants import numbers_in
 from .observation import Log, View
@@ -197,7 +197,8 @@ class Session:
 
         def second(one: CompiledScene) -> tuple[CompiledRun, float]:
             one, r, a = with_tolerance(one, rtol, atol)
-            other = second_run(one, r, a, record_interval or tick)
+            edges = edges_on_steps(one, 0.0, given["pushes"])
+            other = second_run(one, r, a, record_interval or tick, edges)
             if other is None:
                 raise ValueError(f"{one.model.name}: estimate_error: {one.integrator} has no second run: leave it out")
             return prepare(other.scene, tick, (), tick, rtol=other.rtol, atol=other.atol, **how), other.share

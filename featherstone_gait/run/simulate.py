@@ -29,6 +29,7 @@ from .classify import to_trajectory
 from .compiled_run import CompiledRun, RunInput
 from .error_estimate import (
     SecondRun,
+    edges_on_steps,
     second_run,
     share_of_half,
     share_with_rejections,
@@ -102,7 +103,8 @@ def simulate(
     estimate_error
         None: run again at ten times the tolerances, or at twice the fixed step.  The run is "inaccurate" if its error
         is larger than 1e-3 rad or m, or 1e-2 of the largest speed (1 at least), ten times as much at a fixed step;
-        at fixed steps a third run in half the steps must confirm it.
+        at fixed steps a third run in half the steps must confirm it.  Where torques, pushes or followed references
+        change within fixed steps, the second run has error control, whose steps end there.
         True: run again with half the step, or at a tenth of the tolerances, for a closer estimate.
         False: run once; `Trajectory.error` is None.
     controller
@@ -223,6 +225,7 @@ class Job(NamedTuple):
     reference: Any
     tau: Any
     noise: Any
+    edges: int = 2  # see `edges_on_steps`
 
 
 class How(NamedTuple):
@@ -247,7 +250,7 @@ def _simulate(jobs: list[Job], record: tuple[str, ...], how: How) -> list[Trajec
         return dataclasses.replace(run, stop=stop)
 
     runs = _once(compiled, jobs)
-    starts = [run.start(*job[5:]) for run, job in zip(runs, jobs)]
+    starts = [run.start(*job[5:9]) for run, job in zip(runs, jobs)]
     if len({start.noise is None for start in starts}) > 1:
         raise ValueError("noises: some runs have noise and some have none; give all of them an array, or none")
     results = run_all(starts, how.executor)
@@ -256,7 +259,7 @@ def _simulate(jobs: list[Job], record: tuple[str, ...], how: How) -> list[Trajec
 
 def _once(function: Callable[[Job], Any], jobs: list[Job]) -> list[Any]:
     """Return what the function makes of each job, called once for those of the same scene and ways to run it."""
-    return each_once(function, jobs, lambda job: (id(job.scene), id(job.controller), repr(job[1:4])))
+    return each_once(function, jobs, lambda job: (id(job.scene), id(job.controller), repr(job[1:4]), job.edges))
 
 
 def _changed(function: Callable[[Job], dict[str, Any]], jobs: list[Job]) -> list[Job]:
@@ -303,11 +306,12 @@ def _with_second_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> lis
 
     Second runs of runs that go on from others go on from where the others' second runs ended.
     """
-    seconds: dict[int, SecondRun] = {
-        k: second for k, second in enumerate(_once(lambda job: second_run(*job[:4]), jobs)) if second is not None
-    }
-    more = tuple(dict.fromkeys((*record, *(name for k in seconds for name in coordinates(jobs[k].scene)))))
+    more = tuple(dict.fromkeys((*record, *(name for job in jobs for name in coordinates(job.scene)))))
     runs, coarse = _simulate(jobs, more, how), {}
+    jobs = _with_edges(jobs, runs, how)
+    seconds: dict[int, SecondRun] = {
+        k: one for k, one in enumerate(_once(lambda job: second_run(*job[:4], job.edges), jobs)) if one is not None
+    }
     found = [with_channels(run, record) for run in runs]
     for k, second in seconds.items():
         state = of_second_run(jobs[k].state)
@@ -329,16 +333,25 @@ def _with_second_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> lis
     return found
 
 
+def _with_edges(jobs: list[Job], runs: list[Trajectory], how: How) -> list[Job]:
+    """Return the jobs with their edges, once their runs have shown that states and signals are sound."""
+    return [
+        job._replace(edges=edges_on_steps(job.scene, run["time"][0], how.pushes, job.tau, job.reference))
+        for job, run in zip(jobs, runs)
+    ]
+
+
 def _with_finer_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> list[Trajectory]:
     """Return the runs with the errors by half the step, or by a tenth of the tolerance and half the step."""
-    runs, better = _simulate(jobs, record, how), _simulate(_changed(_finer, jobs), record, how)
+    runs = _simulate(jobs, record, how)
+    jobs = _with_edges(jobs, runs, how)
     found = []
-    for job, run, fine in zip(jobs, runs, better):
+    for job, run, fine in zip(jobs, runs, _simulate(_changed(_finer, jobs), record, how)):
         if job.scene.adaptive:
             every_second = {name: values[::2] for name, values in fine.channels.items()}
             run = with_error(run, dataclasses.replace(fine, channels=every_second), 1.1)
         else:
-            run = with_error(run, fine, 2.0)
+            run = with_error(run, fine, 1.0 if "rtol" in fine.info else 2.0)
         found.append(with_accuracy(run))
     return found
 
@@ -346,7 +359,8 @@ def _with_finer_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> list
 def _finer(job: Job) -> dict[str, Any]:
     scene = job.scene.recompiled(timestep=0.5 * job.scene.timestep)
     if not scene.adaptive:
-        return {"scene": scene}
+        second = second_run(*job[:4], job.edges) if job.edges == 0 else None
+        return {"scene": scene} if second is None else dict(zip(("scene", "rtol", "atol"), second))
     finer = {"rtol": 0.1, "atol": 0.1, "record_interval": 0.5}  # steps end on records: twice as many
     return {"scene": scene} | {name: factor * getattr(job, name) for name, factor in finer.items()}
 
