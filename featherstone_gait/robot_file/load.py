@@ -18,6 +18,7 @@ from ..model.tree_checks import check_locked
 from .collision import MeshFinder
 from .markup import read_markup
 from .mjcf.read import read_mjcf
+from .plausible import doubt_inertias
 from .report import Report, RobotFileError, RobotFileWarning, blamed_on, refusal
 from .robot import Robot
 from .settings import Settings, read_settings
@@ -108,6 +109,7 @@ def load_robot(
     if base is None:
         base = settings.base or robot.base or "fixed"
     robot = robot._replace(joints=joints, base=base, held=held)
+    doubt_inertias(robot, report)
     model = _model(path, robot, settings, report, meshes.package_dirs)
     report.warn(path, stacklevel=2)
     choice = settings.choice if contacts is None else contacts

@@ -93,8 +93,15 @@ class Report:
 
     def assume(self, element: Element, what: str, found: str, taken: str, remedy: str) -> None:
         """Add an assumption: what is found in an element and how it is read; the remedy is for strict reading."""
+        self._assume(self.lines[element], what, found, taken, remedy)
+
+    def assume_at(self, label: str, found: str, taken: str, remedy: str) -> None:
+        """Add an assumption about an element that has been read, by its label."""
+        self._assume(self.places.get(label, 0), label, found, taken, remedy)
+
+    def _assume(self, line: int, what: str, found: str, taken: str, remedy: str) -> None:
         if self.strict:
-            self._refused_assumptions.append(Found(self.lines[element], f"{what}: {found}; {remedy}"))
+            self._refused_assumptions.append(Found(line, f"{what}: {found}; {remedy}"))
         self._assumed.setdefault(f"{found}: {taken}", []).append(what)
 
     def doubt(self, sentence: str) -> None:

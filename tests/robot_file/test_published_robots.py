@@ -40,6 +40,16 @@ MASSLESS_ROOT = (  # which one joint holds
     "panda_v2_gripper.urdf",
     "pendulum5.urdf",
 )
+PLACEHOLDERS = (  # 1 kg m^2 for parts of 50 to 250 g
+    "minitaur.urdf",
+    "minitaur_fixed_all.urdf",
+    "minitaur_fixed_knees.urdf",
+    "minitaur_single_motor.urdf",
+    "minitaur_v1.urdf",
+    "pr2_gripper.urdf",
+    "quadruped.urdf",
+    "r2d2.urdf",
+)
 NOT_READ_BY_PINOCCHIO = (
     "bike.urdf",  # numbers separated by commas
     "follower_arm_v1.1.urdf",  # <limit> without effort
@@ -175,3 +185,9 @@ def test_a_warning_says_what_is_in_the_notes():
         assert all(warning.category is RobotFileWarning for warning in caught)
         assert len(caught) <= 1
         assert len(robot.notes) >= len(caught)
+
+
+@pytest.mark.parametrize("path", robots(but=REFUSED))
+def test_inertias_are_doubted_where_they_are_placeholders(path):
+    doubted = any("radius of gyration" in note for note in loads(path).notes)
+    assert doubted == ("pybullet_data" in path.parts and path.name in PLACEHOLDERS)

@@ -921,6 +921,30 @@ def test_an_impossible_inertia_is_taken_as_it_is_or_repaired(tmp_path):
     assert load_robot(write(tmp_path), repair_inertia=True).links == load_robot(path).links
 
 
+MILLIMETERS = ('ixx="1e-3"', 'ixx="1e3"', 'iyy="1e-3"', 'iyy="1e3"', 'izz="1e-3"', 'izz="1e3"')  # of the foot
+
+
+def test_an_inertia_far_beyond_the_robots_size_is_doubted(tmp_path):
+    """In kg mm^2 the foot of 0.25 kg has a radius of gyration of 63 m, in a robot of a meter."""
+    path = write(tmp_path, swap(URDF, *MILLIMETERS))
+    with pytest.warns(RobotFileWarning, match="'foot'.* 63.2 m"):
+        robot = load_robot(path)
+    assert robot.link("foot").inertia[0] == 1e3
+    with pytest.raises(RobotFileError, match="line 11: link 'foot'"):
+        load_robot(path, strict=True)
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_inertia_that_never_acts_is_not_doubted(tmp_path):
+    """That of the root of a fixed robot; and 1 kg m^2 of a kilogram is no mistake where a file has no shapes."""
+    heavy = BODY.replace('"1"', '"1e3"').replace('mass value="1e3"', 'mass value="1"')
+    text = swap(URDF, '<link name="base"/>', f'<link name="base">{heavy}</link>', '"0 0 1" rpy', '"0 0 .01" rpy')
+    text = swap(text, '<mass value="0.25"/>', '<mass value="1"/>', *(x.replace("1e3", "1") for x in MILLIMETERS))
+    assert load_robot(write(tmp_path, text)).link("base").inertia[0] == 1e3
+    with pytest.raises(RobotFileWarning, match="base"):
+        load_robot(write(tmp_path, text), base="floating")
+
+
 @pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning")
 def test_what_makes_the_mass_matrix_indefinite_is_refused_unless_repaired(tmp_path):
     text = swap(URDF, FOOT_BODY, FOOT_BODY.replace('iyy="1e-3"', 'iyy="-1e-3"'))

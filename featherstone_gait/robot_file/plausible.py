@@ -1,0 +1,78 @@
+"""Find inertias that no part of the robot can have, such as those in kg mm^2 or 1 kg m^2 for a few grams."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..model import Joint, inertia_matrix
+from ..model.shapes import Box, Capsule, Cylinder, Hull, Shape, Sphere
+from .report import Report
+from .robot import Robot
+
+FACTOR = 3.0  # of the robot's size, beyond which a radius of gyration is doubted
+SMALLEST, UNKNOWN = 0.1, 1.0  # [m] least sizes taken for a robot, with shapes of known size in its file and without
+
+
+def doubt_inertias(robot: Robot, report: Report) -> None:
+    """Report each link whose radius of gyration, sqrt(I / m), is far beyond the size of the robot.
+
+    The root of a fixed robot may have any inertia, which never acts.  What stands in place of a link that is refused is
+    not looked at.
+    """
+    if report.problems:
+        return
+    led = {joint.child for joint in robot.joints}
+    most = FACTOR * max(_size(robot), SMALLEST if any(map(_radius, robot.shapes)) else UNKNOWN)
+    for link in robot.links:
+        largest = float(np.linalg.eigvalsh(inertia_matrix(link.inertia))[-1])
+        acts = robot.base == "floating" or link.name in led
+        if acts and largest > link.mass * most**2 > 0.0:
+            radius = math.sqrt(largest / link.mass)
+            report.assume_at(
+                f"link {link.name!r}",
+                f"inertia of {largest:.3g} kg m^2 with {link.mass:.3g} kg has a radius of gyration of {radius:.3g} m; "
+                f"expected up to {most:.2g} m in a robot of this size",
+                "taken as stated",
+                "give it in kg m^2 (1 kg mm^2 is 1e-6), about the center of mass",
+            )
+
+
+def _size(robot: Robot) -> float:
+    """Compute how far the robot can reach from its root [m]: joints from place to place, then what a link holds."""
+    children: dict[str, list[Joint]] = {}
+    for joint in robot.joints:
+        children.setdefault(joint.parent, []).append(joint)
+    led = {joint.child for joint in robot.joints}
+    far = {link.name: 0.0 for link in robot.links if link.name not in led}
+    waiting = list(far)
+    while waiting:
+        name = waiting.pop()
+        for joint in children.get(name, []):
+            if joint.child not in far:
+                far[joint.child] = far[name] + math.hypot(*joint.xyz) + _travel(joint)
+                waiting.append(joint.child)
+    ends = [far.get(link.name, 0.0) + math.hypot(*link.center_of_mass) for link in robot.links]
+    tips = [far.get(shape.link, 0.0) + math.hypot(*shape.xyz) + _radius(shape) for shape in robot.shapes]
+    return max([*ends, *tips], default=0.0)
+
+
+def _travel(joint: Joint) -> float:
+    """Return how far a joint slides from its zero [m], 0 without stops."""
+    far = max(abs(joint.lower), abs(joint.upper))
+    return far if joint.type == "prismatic" and far < math.inf else 0.0
+
+
+def _radius(shape: Shape) -> float:
+    """Return how far a shape extends from its origin [m]; 0 of a mesh, which is not opened."""
+    match shape.geometry:
+        case Box(size):
+            return 0.5 * math.hypot(*size)
+        case Sphere(radius):
+            return radius
+        case Cylinder(radius, length) | Capsule(radius, length):
+            return radius + 0.5 * length
+        case Hull(points):
+            return max(math.hypot(*point) for point in points)
+    return 0.0
