@@ -39,7 +39,7 @@ from scipy.optimize import least_squares
 from ..base.arguments import instance, one_of, real
 from ..base.arguments import path as path_of
 from ..base.brief import brief, in_full
-from ..base.files import FilePath, Format
+from ..base.files import FilePath, Format, read_csv
 from ..base.progress import progress_bar
 from ..model import Controller, Gearbox, Joint, Link, Model, Servo
 from ..run.reference import Reference
@@ -290,6 +290,15 @@ def read_bench(
     )
 
 
+def is_bench_recording(path: FilePath) -> bool:
+    """Return whether a CSV file has all columns that `read_bench` needs; OSError if it cannot be read."""
+    try:
+        _, head = next(iter(read_csv(path, FORMAT)), (1, []))
+    except ValueError:
+        return False
+    return set(COLUMNS) <= {cell.strip() for cell in head}
+
+
 @dataclass(frozen=True, eq=False)
 class ServoFit(Fit):
     """A servo with a friction model that `fit_servo` has fitted to recordings.
@@ -526,16 +535,37 @@ _SERVO = Servo(
 
 
 def _scene(bench: Bench, world: _World) -> CompiledScene:
-    """Compile the bench: a rod on the servo, which hangs down at zero."""
-    servo, J = servo_with(_SERVO, world.servos), world.inertia
-    links = (
-        Link("stand", 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
-        Link("rod", world.mass, (0.0, 0.0, -world.center), (J, 0.0, 0.0, J, 0.0, J)),
-    )
-    joint = Joint("turn", "continuous", "stand", "rod", axis=(0.0, -1.0, 0.0))
-    model = Model(f"{bench.name}_bench", links, (joint,), servos={"turn": servo})
+    """Compile the bench."""
+    servo = servo_with(_SERVO, world.servos)
+    model = pendulum(f"{bench.name}_bench", servo, world.mass, world.center, world.inertia)
     kind: GearboxKind = "rotor" if servo.gearbox.stiffness == math.inf else "mipsd"
     return compile_scene(model, kind, integrator="implicit_euler", timestep=STEP)
+
+
+def pendulum(name: str, servo: Servo, mass: float, length: float, inertia: float = 0.0) -> Model:
+    """Return a robot whose only joint, `turn`, is the servo, with a rod that hangs down at zero.
+
+    Parameters
+    ----------
+    name : str
+    servo : Servo
+    mass : float
+        Of rod and weight [kg].
+    length : float
+        From the axis to their center of mass [m].
+    inertia : float
+        About that [kg m^2]; 0 of a weight alone.
+
+    Returns
+    -------
+    Model
+    """
+    links = (
+        Link("stand", 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
+        Link("rod", mass, (0.0, 0.0, -length), (inertia, 0.0, 0.0, inertia, 0.0, inertia)),
+    )
+    joint = Joint("turn", "continuous", "stand", "rod", axis=(0.0, -1.0, 0.0))
+    return Model(name, links, (joint,), servos={"turn": servo})
 
 
 class _Rollouts:

@@ -304,7 +304,8 @@ def _sampled(run: Trajectory, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     """Return angle, interpolated, and voltage, held, at the times of a recording."""
     grid = run["time"]
     held = np.clip(np.searchsorted(grid, time + 1e-9, side="right") - 1, 0, len(grid) - 1)
-    return np.interp(time, grid, run["q"][:, 0]), run["voltage"][held, 0]
+    voltage = run["voltage"][held, 0] if run["voltage"].size else np.full(len(time), np.nan)  # of a torque law
+    return np.interp(time, grid, run["q"][:, 0]), voltage
 
 
 @dataclass(frozen=True, eq=False)

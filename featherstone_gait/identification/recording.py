@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +19,16 @@ from ..model import SERVO_UNITS
 
 FORMAT = Format("recording")
 COLUMNS = ("time [s]", "reference [rad]", "angle [rad]", "voltage [V]")
+_ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+_MEANT = {  # names and units, by SI, of columns that are read
+    COLUMNS[0]: (("time",), {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}),
+    COLUMNS[1]: (("reference", "goal"), _ANGLES),
+    COLUMNS[2]: (("angle", "position"), _ANGLES),
+    COLUMNS[3]: (("voltage",), {"V": 1.0, "mV": 1e-3}),
+}
+_ON = "torque_on"  # a column of those who may let go
+_HEAD = re.compile(r"([^\W_]+)\s*(?:[\[(]([^\])]*)[\])]|_(\w*))?")  # NAME [UNIT], NAME (UNIT), NAME_UNIT
+SIMILAR = 0.8  # from here on a name is taken for a misspelled one (difflib's ratio)
 MOTOR_OFF = {"current_limit": 1e-9}  # settings of a recording with open terminals: no current, no torque
 LEAST_SAMPLES = 10
 LARGEST_ANGLE = 4.0 * math.pi  # beyond it a file is taken to be in degrees [rad]
@@ -73,7 +85,10 @@ def read_recording(path: FilePath, **settings: float) -> Recording:
     Parameters
     ----------
     path : path-like
-        A table with the columns `time [s]`, `reference [rad]`, `angle [rad]` and, if recorded, `voltage [V]`.
+        A table with the columns `time [s]`, `reference [rad]` or `goal [rad]`, `angle [rad]` or `position [rad]` and,
+        if recorded, `voltage [V]`, in any order.  Each name states its unit, as `angle [deg]`, `angle (deg)` or
+        `angle_deg`; times may be in ms or us, voltages in mV.  A column `torque_on` has to be 1 throughout, and others
+        are ignored.
     **settings : float
         Servo parameters of this recording alone, such as Kp=20.0.
 
@@ -88,24 +103,54 @@ def read_recording(path: FilePath, **settings: float) -> Recording:
         If the file is not such a table; the message names file, line and column.
     """
     path = path_of("path", path)
-    table, lines = read_columns(path, FORMAT, COLUMNS[:3], COLUMNS[3:], LEAST_SAMPLES)
-    for name in COLUMNS[1:3]:
-        k = int(np.abs(table[name]).argmax())
-        if abs(table[name][k]) > LARGEST_ANGLE:
+    heads = _heads(path)
+    on = [_ON] if _ON in heads else []
+    named = [heads.get(name, (name, 1.0)) for name in COLUMNS]
+    texts = [text for text, _ in named]
+    table, lines = read_columns(path, FORMAT, [*texts[:3], *on], texts[3:], LEAST_SAMPLES, others=True)
+    for text, factor in named[1:3]:
+        k = int(np.abs(table[text]).argmax())
+        if abs(factor * table[text][k]) > LARGEST_ANGLE:
             raise ValueError(
-                f"{path}, line {lines[k]}, column {name!r}: {table[name][k]:g} is more than two turns "
-                f"({LARGEST_ANGLE:.4g} rad); convert degrees to radians"
+                f"{path}, line {lines[k]}, column {text!r}: {table[text][k]:g} is more than two turns "
+                f"({LARGEST_ANGLE:.4g} rad); convert degrees to radians, name their unit, or subtract whole turns"
             )
+    if on and not (table[_ON] > 0.5).all():
+        k = int((table[_ON] > 0.5).argmin())
+        raise ValueError(f"{path}, line {lines[k]}, column {_ON!r}: the servo lets go; cut the file there")
+    table = {name: factor * table[text] for name, (text, factor) in zip(COLUMNS, named) if text in table}
     time = table[COLUMNS[0]]
     wrong = np.flatnonzero((np.diff(time) <= 0.0) | (np.diff(time) > LARGEST_GAP))
     if len(wrong):
         k = wrong[0] + 1
         raise ValueError(
-            f"{path}, line {lines[k]}, column 'time [s]': {time[k]:g} follows {time[k - 1]:g}; times must rise by at "
-            f"most {LARGEST_GAP:g} s: sort them, give seconds, or cut the file at the gap"
+            f"{path}, line {lines[k]}, column {texts[0]!r}: {time[k]:g} follows {time[k - 1]:g} s; times must rise by "
+            f"at most {LARGEST_GAP:g} s: sort them, give seconds, or cut the file at the gap"
         )
     column = {name.split()[0]: values for name, values in table.items()} | {"time": time - time[0]}
     return Recording(path.stem, **column, settings=settings)
+
+
+def _heads(path: Path) -> dict[str, tuple[str, float]]:
+    """Return the text and the unit, in SI, of each column that the header names, by its name in `COLUMNS`."""
+    line, cells = next(iter(read_csv(path, FORMAT)), (1, []))
+    found: dict[str, tuple[str, float]] = {}
+    for text in (cell.strip() for cell in cells):
+        parts = _HEAD.fullmatch(text)
+        name, unit = (parts[1].lower(), parts[2] or parts[3] or "") if parts else (text, "")
+        for column, (names, units) in _MEANT.items():
+            if name in names:
+                if unit not in units:
+                    remedy = f"use one of {', '.join(units)}, as in {column!r}"
+                    raise ValueError(f"{path}, line {line}: the unit of column {text!r} is {unit!r}; {remedy}")
+                if column in found:
+                    raise ValueError(f"{path}, line {line}: {found[column][0]!r} and {text!r} are twice one; keep one")
+                found[column] = text, units[unit]
+            elif difflib.get_close_matches(name, names, 1, SIMILAR):
+                raise ValueError(f"{path}, line {line}: column {text!r} is unknown; if {column!r} is meant, name it so")
+        if text == _ON:
+            found[_ON] = text, 1.0
+    return found
 
 
 def write_recording(path: FilePath, recording: Recording) -> None:

@@ -177,9 +177,23 @@ def test_voltage_may_be_missing_and_time_starts_anywhere(tmp_path):
     assert recording.reference[0] == 0.5
 
 
+def test_names_and_units_may_be_others(tmp_path):
+    """The same recording in milliseconds, degrees and millivolts, with more columns."""
+    rows = [f"{10 * k},cold,{math.degrees(0.001 * k)!r},{math.degrees(0.5)!r},{1500 + k}" for k in range(12)]
+    head = "time_ms,temperature,Angle (deg),goal [deg],voltage_mV"
+    recording = read_recording(table(tmp_path, head, *rows))
+    assert recording.time == pytest.approx(0.01 * np.arange(12))
+    assert recording.angle == pytest.approx(0.001 * np.arange(12), abs=1e-15)
+    assert recording.reference == pytest.approx(np.full(12, 0.5))
+    assert recording.voltage == pytest.approx(1.5 + 0.001 * np.arange(12))
+
+
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
+        ([HEAD.replace("[s]", "[min]"), *ROWS], ["line 1", "'time [min]'", "'min'", "ms"]),
+        ([HEAD.replace("angle [", "angel ["), *ROWS], ["line 1", "'angel [rad]'"]),
+        ([HEAD + ",torque_on", *(row + ",1" for row in ROWS[:-1]), ROWS[-1] + ",0"], ["'torque_on'", "cut"]),
         ([], ["line 1", "'time [s]' is missing"]),
         (["time,angle [rad]", *ROWS], ["line 1", "'time'", "time [s]"]),
         ([HEAD + ",angle [rad]", *ROWS], ["line 1", "twice"]),
