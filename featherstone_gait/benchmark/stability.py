@@ -43,7 +43,7 @@ JOINTS = (1, 2, 3, 5, 7)
 RATIOS = (160.0, 200.0, 254.0, 320.0, 400.0)
 INERTIAS = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)  # [kg m^2]
 GAINS = (15.0, 30.0, 61.0, 122.0)  # [V/rad]
-AX12: dict[str, Any] = {"ratio": 254.0, "rotor_inertia": 1e-7, "Kp": 61.0}
+AX12: dict[str, Any] = {"gearbox.ratio": 254.0, "gearbox.rotor_inertia": 1e-7, "servo.Kp": 61.0}
 IDEAL: dict[str, Any] = {"inductance": 0.0, "speed_filter": 0.0, "current_slew": 1e9, "coulomb_friction": 0.0}
 GEARBOXES = ("standard", "rotor", "mipsd")
 INTEGRATORS = ("simtwo", "rk4", "midpoint", "implicit_euler")
@@ -110,16 +110,16 @@ def slices() -> list[tuple[str, int, dict]]:
     rigid = {"scene.gearbox": GEARBOXES[1:]}
     return [
         *((f"joints{n}", n, {}) for n in JOINTS[:-1]),
-        ("ratio", 7, {"servo.ratio": RATIOS}),
-        ("rotor_inertia", 7, {"servo.rotor_inertia": INERTIAS, **rigid}),
+        ("ratio", 7, {"gearbox.ratio": RATIOS}),
+        ("rotor_inertia", 7, {"gearbox.rotor_inertia": INERTIAS, **rigid}),
         ("gain", 7, {"servo.Kp": GAINS}),
     ]
 
 
 def combinations() -> list[tuple[str, int, dict]]:
     """List studies of all combinations; the standard model has no rotor."""
-    both = {"servo.ratio": RATIOS[::2], "servo.Kp": GAINS[1:]}
-    geared = both | {"servo.rotor_inertia": INERTIAS[1:], "scene.gearbox": GEARBOXES[1:]}
+    both = {"gearbox.ratio": RATIOS[::2], "servo.Kp": GAINS[1:]}
+    geared = both | {"gearbox.rotor_inertia": INERTIAS[1:], "scene.gearbox": GEARBOXES[1:]}
     return [
         study
         for n in JOINTS
@@ -145,9 +145,9 @@ def _study(folder: Path, name: str, joints: int, vary: dict) -> list[Row]:
     """Write a study, run it and read its table."""
     save_robot(arm(joints), folder / f"arm{joints}.urdf")
     vary = {"scene.gearbox": GEARBOXES, "scene.integrator": INTEGRATORS, "posture.tilt": TILTS} | vary
-    fixed = {key: value for key, value in (AX12 | IDEAL).items() if f"servo.{key}" not in vary}
+    fixed = AX12 | {f"servo.{key}": value for key, value in IDEAL.items()}
     lines = [f'robot = "arm{joints}.urdf"', 'experiment = "stable_step"', f"duration = {DURATION}"]
-    lines += ["[servo]", 'type = "ax12"', *(f"{key} = {value!r}" for key, value in fixed.items())]
+    lines += ['servo.type = "ax12"', *(f"{key} = {value!r}" for key, value in fixed.items() if key not in vary)]
     lines += ["[vary]", *(f"{key} = {json.dumps(values)}" for key, values in vary.items())]
     path = folder / f"{name}.toml"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -157,7 +157,7 @@ def _study(folder: Path, name: str, joints: int, vary: dict) -> list[Row]:
 
 
 def _row(joints: int, row: dict) -> Row:
-    ratio, inertia, Kp = (float(row.get(f"servo.{key}", value)) for key, value in AX12.items())
+    ratio, inertia, Kp = (float(row.get(key, value)) for key, value in AX12.items())
     gearbox, integrator, tilt = row["scene.gearbox"], row["scene.integrator"], float(row["posture.tilt"])
     point = Point(joints, ratio, inertia, Kp, gearbox, integrator, tilt)
     stable, unstable = (float(row[f"{name}_step_s"] or math.nan) for name in ("stable", "unstable"))

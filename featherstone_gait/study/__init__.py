@@ -7,10 +7,11 @@ A study is a TOML file (`settings`) that names a robot, an experiment (`measures
     duration = 20.0                                  # [s]
 
     [scene]                                          # parameters of all runs
-    servos = "mipsd"
+    gearbox = "mipsd"
 
     [vary]                                           # parameters that differ
     scene.integrator = ["implicit_euler", "midpoint"]
+    gearbox.ratio = [127.0, 254.0]
     servo.Kp = {from = 10.0, to = 100.0, count = 10, scale = "log"}
 
     [sampling]                                       # by default the grid of all values
@@ -19,7 +20,7 @@ A study is a TOML file (`settings`) that names a robot, an experiment (`measures
     seed = 1
 
     [worlds]                                         # random numbers of each run, see `draws`
-    links.mass = {law = "uniform", width = 0.1}
+    links.mass = {kind = "uniform", scale = 0.1}
 
 ``featherstone-gait study FILE.toml``, or in Python ``run_study(read_study("FILE.toml"), "results")``, writes
 ``FILE.csv`` and ``FILE.png``.  Finished runs are kept in ``FILE.jsonl``: an interrupted study continues from there when

@@ -4,7 +4,7 @@
     experiment              "hold", "walk" or "stable_step", see `measures`
     duration                of a run of hold or stable_step [s]; default 10
     strides, warm_up        of a run of walk: strides that are measured, and before them; default 8 and 2
-    [scene] [servo] [supply] [ground] [posture] [gait]    parameters of all runs
+    [scene] [servo] [gearbox] [supply] [ground] [posture] [gait]    parameters of all runs
     [vary]                  the parameters that differ, by the same names, with a list of values or, for a number,
                             {from, to, scale = "linear" or "log"}, and for a grid its count
     [worlds]                random numbers of each run (`draws`); not for a grid
@@ -13,9 +13,9 @@
                             a power of two, is the number of base samples: with p parameters, including those of
                             [worlds], it makes count (p + 2) runs
 
-`PARAMETERS` lists all names and units; values are SI.  `servo` changes all servos of the robot; `supply` changes its
-voltage supply or gives it one.  `gait.file` names a gait that `walking.read_walk` reads, beside the study or in the
-robot's folder, instead of one that the other `gait.*` plan.
+`PARAMETERS` lists all names and units; values are SI.  `servo`, which has its controller's numbers too, and `gearbox`
+change all servos of the robot; `supply` changes its voltage supply or gives it one.  `gait.file` names a gait that
+`walking.read_walk` reads, beside the study or in the robot's folder, instead of one that the other `gait.*` plan.
 
 Runs are numbered with the last parameter changing fastest.  `posture` and `gait` come last: they do not change the
 scene, so that neighbors share it.
@@ -41,7 +41,7 @@ from ..base.brief import brief, in_full
 from ..base.files import FilePath, is_number
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
-from ..model import SERVO_UNITS, Ground, Law, Model, Supply
+from ..model import SERVO_UNITS, Gearbox, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
 from ..robot_file.toml import check_keys, table_of, written
 from ..run.worlds import servo_with
@@ -58,8 +58,10 @@ if TYPE_CHECKING:
 
 MOST_RUNS, MOST_NUMBERS = 20_000_000, 100_000_000
 FEWER = f"at most {MOST_RUNS} runs are allowed, make several studies of more"
+_GEARS = [f.name for f in fields(Gearbox)]
 UNITS = {
-    "servo": SERVO_UNITS,
+    "servo": {name: unit for name, unit in SERVO_UNITS.items() if name not in _GEARS},
+    "gearbox": {name: SERVO_UNITS[name] for name in _GEARS},
     "supply": {f.name: f.metadata["unit"] for f in fields(Supply)},
     "ground": {"friction": "-", "penetration": "m", "damping_ratio": "-", "height": "m", "slope": "rad"},
     "posture": {"tilt": "rad"},
@@ -68,7 +70,10 @@ UNITS = {
     },
 }  # fmt: skip
 # Name -> unit of a number, or the values that are allowed (None: any text).
-OLD = {"scene.servos": "scene.gearbox", "ground.sinking": "ground.penetration"}  # names until version 0.2
+OLD = {  # names until version 0.2
+    "scene.servos": "scene.gearbox", "ground.sinking": "ground.penetration",
+    **{f"servo.{name}": f"gearbox.{name}" for name in _GEARS},
+}  # fmt: skip
 PARAMETERS: dict[str, str | Collection | None] = {
     "scene.gearbox": (*GEARBOX_KINDS, "none"),
     "scene.ground": (True, False),
@@ -416,8 +421,8 @@ def section_of(values: dict[str, Any], section: str) -> dict[str, Any]:
 
 
 def servos_with(model: Model, values: dict[str, Any]) -> Model:
-    """Change the robot's servos and supply by the parameters `servo.*` and `supply.*`."""
-    supply, given = section_of(values, "supply"), section_of(values, "servo")
+    """Change the robot's servos and supply by the parameters `servo.*`, `gearbox.*` and `supply.*`."""
+    supply, given = section_of(values, "supply"), section_of(values, "servo") | section_of(values, "gearbox")
     if supply:
         if model.supply is None and "voltage" not in supply:
             raise ValueError(f"{model.name} has no supply to change; add supply.voltage")
@@ -445,7 +450,7 @@ def scene_of(model: Model, values: dict[str, Any]) -> CompiledScene:
 
 
 def _check_values(model: Model, fixed: dict, axes: dict[str, Axis]) -> None:
-    """Check every value that `servo` and `ground` can take, one parameter at a time."""
+    """Check every value that `servo`, `gearbox` and `ground` can take, one parameter at a time."""
     ends = {name: axis.values or (axis.low, axis.high) for name, axis in axes.items()}
     first = {name: values[0] for name, values in ends.items()}
     changes = [(name, value) for name, values in ends.items() for value in values]

@@ -100,6 +100,18 @@ def test_a_latin_hypercube_has_one_run_in_every_layer_and_log_uniform_is_uniform
     assert sorted(layers) == list(range(100))
 
 
+def test_numbers_of_gears_go_by_the_section_that_has_them(tmp_path):
+    """By the old one too, with a warning: the same study."""
+    text = GRID.replace("servo.Kp = [20.0, 61.0, 100.0]", "gearbox.ratio = [254.0, 127.0]\ngearbox.backlash = [0.0]")
+    study = read(tmp_path, text)
+    assert study.setup.names[:2] == ("gearbox.ratio", "gearbox.backlash")
+    with pytest.warns(DeprecationWarning, match=r"vary\.servo\.ratio is now gearbox\.ratio"):
+        old = read(tmp_path, text.replace("gearbox.ratio", "servo.ratio"))
+    assert old.setup == study.setup
+    with pytest.raises(ValueError, match="ratio"):
+        read(tmp_path, GRID + "[gearbox]\nratio = -1.0\n")
+
+
 def test_random_runs_depend_on_the_seed_alone(tmp_path):
     drawn = [read(tmp_path, DRAWN.format("random", 50, seed)) for seed in (1, 1, 2)]
     points = [[study.values(run) for run in range(50)] for study in drawn]
@@ -215,7 +227,7 @@ def test_every_parameter_changes_the_scene_it_names(tmp_path):
         "ground.friction = [0.9, 0.0]",
         "ground.penetration = [5e-4, 1e-3]",
         "servo.Kp = [61.0, 30.0]",
-        "servo.ratio = [254.0, 127.0]",
+        "gearbox.ratio = [254.0, 127.0]",
         "servo.voltage_limit = [10.0, 0.1]",
         "supply.voltage = [10.0, 8.0]",
         "supply.resistance = [0.0, 1.0]\n[supply]\nvoltage = 9.0",
