@@ -23,6 +23,10 @@ const rect = id => document.getElementById(id).getBoundingClientRect(), told = {
 viewer.show();
 told.wide = document.documentElement.scrollWidth - innerWidth;
 told.controls = rect("controls").bottom - innerHeight;
+told.hidden = [...document.querySelectorAll("#controls button, #controls select")].filter(e => {
+  const r = e.getBoundingClientRect();
+  return r.right > innerWidth || r.bottom > innerHeight + 0.5 || r.width < 20 || r.height < 24;
+}).map(e => e.textContent);
 told.play = rect("play").width * rect("play").height;
 told.picture = [...document.querySelectorAll("#views canvas")].map(c => {
   const d = pixels(c), seen = new Set();
@@ -153,6 +157,7 @@ def test_picture_and_controls_are_in_sight(seen, size):
     look = seen[size]["look"]
     assert look["wide"] <= 0
     assert look["controls"] <= 0.5
+    assert look["hidden"] == []
     assert look["play"] > 1000
     assert look["names"] == 0
     assert len(look["picture"]) == 2
