@@ -229,11 +229,12 @@ function robot(g, cam, model, at, { tint, pale, ratio }) {
     const color = tint && tint(b);
     for (let k = 0; k < body.faces.length; k++) {
       const face = body.faces[k], a = 3 * face[0], m = 3 * k;
-      if (n[m] * (e[0] - x[a]) + n[m + 1] * (e[1] - x[a + 1]) + n[m + 2] * (e[2] - x[a + 2]) <= 0) continue;
+      const behind = n[m] * (e[0] - x[a]) + n[m + 1] * (e[1] - x[a + 1]) + n[m + 2] * (e[2] - x[a + 2]) <= 0;
+      if (behind && !body.open) continue;
       let depth = 0, least = Infinity;
       for (const i of face) { depth += s[3 * i + 2]; least = Math.min(least, s[3 * i + 2]); }
       if (least < cam.near) continue;
-      const bright = n[m] * l[0] + n[m + 1] * l[1] + n[m + 2] * l[2];
+      const bright = (behind ? -1 : 1) * (n[m] * l[0] + n[m + 1] * l[1] + n[m + 2] * l[2]);
       faces.push({ body, face, depth: depth / face.length, style: fill(color || (pale ? body.pale[k] : body.color[k]), Math.round(15.5 + 15.5 * bright)) });
     }
   });

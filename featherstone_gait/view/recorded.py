@@ -73,7 +73,7 @@ def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool 
             {"caption": caption, "model": [*robots].index(id(seen.model))} | _run(seen, p, f, box, unit, len(runs))
             for (caption, seen), p, f, box in zip(runs.items(), poses, found, boxes)
         ],
-        "span": float(f"{max(1.45 * height, 1.3 * across):.3g}"),
+        "span": float(f"{max(1.45 * height, 1.55 * across):.3g}"),
         "plots": list(plots),
         "ghosts": ghosts,
         "notes": list(dict.fromkeys(note for _, notes in looks.values() for note in notes)),
@@ -107,6 +107,7 @@ def _robot(model: Model, found: list[Body], unit: float) -> dict[str, Any]:
                 "palette": palette,
                 "colors": [palette.index(color) for color in body.colors] if len(palette) > 1 else [],
                 "smooth": body.smooth,
+                "open": body.open,
             }
         )
     return {

@@ -36,7 +36,7 @@ from featherstone_gait.scene.contact import ground_under
 from featherstone_gait.view import recorded, shown
 from featherstone_gait.view.page import MOST_BYTES, page_html, write_animation
 from featherstone_gait.view.recorded import Seen, page_data, thinned_samples
-from featherstone_gait.view.visuals import SIDES, bodies, side_of, thinned
+from featherstone_gait.view.visuals import FACES, SIDES, bodies, side_of, thinned
 
 VIEW = Path(featherstone_gait.__file__).parent / "view"
 
@@ -113,10 +113,10 @@ SHAPES = """<robot name="shapes"><material name="red"><color rgba="1 0 0 1"/></m
 VISUAL = '<visual><origin xyz="0 0 1" rpy="1 0 0"/><geometry>{}</geometry><material name="red"/></visual>'
 
 
-def seen_in(folder, *geometries):
+def seen_in(folder, *geometries, most=FACES):
     file = folder / "shapes.urdf"
     file.write_text(SHAPES.format(visuals="".join(VISUAL.format(geometry) for geometry in geometries)), "utf-8")
-    return bodies(load_robot(file))
+    return bodies(load_robot(file), most)
 
 
 @pytest.mark.parametrize(
@@ -150,13 +150,39 @@ def ball(n):
 
 def test_a_mesh_keeps_its_budget_and_its_volume():
     points, triangles = ball(5000)
-    few, faces = thinned(points, triangles, 400)
+    few, faces, source = thinned(points, triangles, 400)
     assert len(triangles) > 9000
     assert 100 < len(faces) <= 400
     assert volume(few, faces) == pytest.approx(4.0 / 3.0 * np.pi, rel=0.1)
-    same, all_faces = thinned(points, triangles, 10**5)
+    whole = triangles[source]
+    assert ((few[faces].mean(axis=1) * points[whole].mean(axis=1)).sum(axis=1) > 0.8).all()  # each where it was
+    same, all_faces, _ = thinned(points, triangles, 10**5)
     assert len(all_faces) == len(triangles)
     assert volume(same, all_faces) == pytest.approx(volume(points, triangles), rel=1e-3)
+
+
+def test_a_mesh_of_two_colors_has_no_gap_between_them(tmp_path):
+    """Simplified together, its faces meet edge to edge; half of it alone has a boundary."""
+    points, triangles = ball(3000)
+    upper = points[triangles].mean(axis=1)[:, 2] > 0.1
+    text = "mtllib two.mtl\n" + "".join(f"v {x} {y} {z}\n" for x, y, z in points)
+    for material, faces in (("red", triangles[upper]), ("blue", triangles[~upper])):
+        text += f"usemtl {material}\n" + "".join("f {} {} {}\n".format(*(face + 1)) for face in faces)
+    (tmp_path / "two.obj").write_text(text)
+    (tmp_path / "two.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
+    (tmp_path / "half.obj").write_text(text[: text.index("usemtl blue")])
+    (body,), notes = seen_in(tmp_path, '<mesh filename="two.obj"/>')
+    assert (notes, body.open, len({*body.colors})) == ([], False, 2)
+    (body,), _ = seen_in(tmp_path, '<mesh filename="two.obj"/>', most=500)
+    assert (len(body.faces) <= 500, body.open, len({*body.colors})) == (True, False, 2)
+    assert volume(body.points, body.faces) == pytest.approx(4.0 / 3.0 * np.pi, rel=0.1)
+    red, blue = ([f for f, color in zip(body.faces, body.colors) if color == own] for own in dict.fromkeys(body.colors))
+    ways = {tuple(body.points[[a, b]].ravel()) for face in red for a, b in zip(face, face[1:] + face[:1])}
+    rim = {way[:3] for way in ways if way[3:] + way[:3] not in ways}
+    assert len(rim) > 5
+    assert rim <= {tuple(body.points[k]) for face in blue for k in face}
+    (body,), _ = seen_in(tmp_path, '<mesh filename="half.obj"/>')
+    assert body.open
 
 
 def test_meshes_of_visuals_are_read_and_missing_ones_told(tmp_path):
@@ -302,7 +328,7 @@ def test_level_ground_takes_no_numbers(model, run):
 def test_plots_keep_the_values_and_every_peak(run, page):
     channel = data_of(page)["runs"][0]["channels"]["torque"]
     assert channel["labels"] == run.info["joints"]
-    assert channel["unit"] == "N m or N"
+    assert channel["unit"] == "N m"
     assert channel["scale"] * np.array(channel["values"]).T == pytest.approx(run["torque"], abs=0.6 * channel["scale"])
     x = np.random.default_rng(3).normal(size=(10_007, 2))
     time, few = thinned_samples(np.arange(10_007.0), x, 500)
@@ -461,7 +487,7 @@ def test_view_shows_robots_and_saved_runs(model, run, tmp_path, capsys):
     assert ([r["caption"] for r in data["runs"]], data["plots"]) == (["falls", "walks"], ["contact_force"])
     for wrong in (["nothing.npz"], [str(tmp_path / "falls"), "arm7"]):
         assert main(["view", *wrong, *out]) == 2
-        assert f"{wrong[-1]}: there is no such file; give files of trajectories (.npz), or" in capsys.readouterr().err
+        assert f"{wrong[-1]}: there is no such file" in capsys.readouterr().err
     assert main(["view", "arm7", "--keyframe", "sitting", *out]) == 2
     assert "there is no keyframe 'sitting'; its keyframes: none" in capsys.readouterr().err
 
