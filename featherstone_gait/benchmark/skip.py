@@ -206,6 +206,7 @@ def driven(**changes: Any) -> Model:
 def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
     """Yield rows: name, the work without the feature and with it, and a remark."""
     arm, last = free_arm(), slice(-1, None)
+    lifted = tuple(replace(link, gravity_compensation=0.5) for link in arm.links)
     held, push = replace(arm, locked=dict.fromkeys(arm.joint_names[4:], 0.0)), Push(arm.links[-1].name, (0.1, 0.0, 0.0))
     plain, rigid, soft = rollout(arm), rollout(driven(), "standard"), rollout(driven(), "mipsd")
     dry, loaded = (rollout(driven(**friction), "standard") for friction in (M1, M4))
@@ -215,6 +216,7 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no friction", plain, rollout(changed(arm, damping=0.01, friction=0.01)), ""),
         ("no stops", plain, rollout(changed(arm, type="revolute", lower=-3.0, upper=3.0)), "no joint at its stop"),
         ("no springs of joints", plain, rollout(changed(arm, stiffness=0.1)), "one at each joint"),
+        ("no borne weights", plain, rollout(replace(arm, links=lifted)), "half of each link's"),
         ("no coupled joints", plain, rollout(changed(arm, last, mimic=Mimic(arm.joints[0].name))), "the last of 7"),
         ("no pushes", plain, rollout(arm, pushes=(push,)), "one push"),
         ("no recorded channel", rollout(arm, every=1), rollout(arm, record=PARTS, every=1), "one number, and all"),

@@ -105,8 +105,14 @@ def _short_joint_table(model: Model) -> list[str]:
         if joint.type != "fixed":
             limits = f"{_angle(joint, joint.lower)} to {_angle(joint, joint.upper)}"
             where = f"locked at {_angle(joint, held[joint.name])}" if joint.name in held else limits
-            rows.append((joint.name, joint.type, where))
-    return table(("joint", "type", "limits"), rows) if rows else []
+            rows.append((joint.name, joint.type, where, _spring(joint)))
+    columns = 4 if any(row[3] for row in rows) else 3
+    return table(("joint", "type", "limits", "spring")[:columns], [row[:columns] for row in rows]) if rows else []
+
+
+def _spring(joint: Joint) -> str:
+    unit = "N/m" if joint.type == "prismatic" else "N m/rad"
+    return f"{joint.stiffness:.4g} {unit} about {_angle(joint, joint.spring_reference)}" if joint.stiffness else ""
 
 
 def _joint_table(model: Model, check: Preflight | None) -> list[str]:

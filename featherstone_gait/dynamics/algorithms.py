@@ -26,6 +26,7 @@ from ..core.tree.layout import Motion, Robot
 from ..model import Model, Spring
 from ..model.numpy_dynamics import Poses
 from ..model.tree_checks import check_springs
+from ..scene.external import build_lifts
 from ..scene.tree import GRAVITY, Tree, compile_tree, joint_armature
 
 
@@ -58,7 +59,8 @@ class Energy(np.ndarray):
     kinetic : numpy.ndarray
         Kinetic energy, () or (n,) [J].
     potential : numpy.ndarray
-        Potential energy of gravity and joint springs, () or (n,); heights count from the world's origin [J].
+        Potential energy of gravity less borne weights, and of joint springs, () or (n,); heights count from the world's
+        origin [J].
     total : numpy.ndarray
         Sum of both, () or (n,) [J].
     """
@@ -96,7 +98,8 @@ def forward_dynamics(
 ) -> np.ndarray:
     """Compute the accelerations that forces cause (articulated-body algorithm, RBDA section 7.3).
 
-    Gravity and springs of joints act besides the given forces; damping, friction, servos and stops do not.
+    Gravity, what bears weight and springs of joints act besides the given forces; damping, friction, servos and stops
+    do not.
 
     Coupled joints (`Joint.mimic`) accelerate by multiplier times their leaders' acceleration: the result is
     G (G' M G)^-1 G' (tau - c), with G of `coupling_matrix` and the bias forces c at the given q and qd, whether these
@@ -154,8 +157,8 @@ def inverse_dynamics(
 ) -> np.ndarray:
     """Compute the generalized forces that a motion takes (recursive Newton-Euler algorithm, RBDA Table 5.1).
 
-    Gravity and springs of joints act besides them; damping, friction, servos and stops do not.  Couplings of joints are
-    ignored: with G of `coupling_matrix`, G' tau drives the independent joints.
+    Gravity, what bears weight and springs of joints act besides them; damping, friction, servos and stops do not.
+    Couplings of joints are ignored: with G of `coupling_matrix`, G' tau drives the independent joints.
 
     Parameters
     ----------
@@ -295,11 +298,17 @@ def energy(
     ValueError
         For wrong shapes and values that are not finite.
     """
-    out, joints = _measures(model, q, qd, armature, gravity)[0], model.moving_joints
+    out = _measures(model, q, qd, armature, gravity)[0]
+    x, joints = _arguments(model, q=q)["q"], model.moving_joints
     stiffness = np.array([joint.stiffness for joint in joints])
     if stiffness.any():
-        stretch = _arguments(model, q=q)["q"][:, model.nq - len(joints) :] - [j.spring_reference for j in joints]
+        stretch = x[:, model.nq - len(joints) :] - [joint.spring_reference for joint in joints]
         out[:, 1] += (0.5 * stiffness * stretch**2).sum(axis=1)
+    for link in model.links:
+        if link.gravity_compensation:
+            rotation, position = forward_kinematics(model, x, link.name)
+            heights = (position + applied(rotation, np.array(link.center_of_mass))) @ np.asarray(gravity)
+            out[:, 1] += link.gravity_compensation * link.mass * heights
     return _shaped(out, q, qd).view(Energy)
 
 
@@ -643,7 +652,7 @@ def _solve(
     given: list[Motion | np.ndarray | None] = [_motion(tree, x["q"], x["qd"], x.get("qdd"))]
     if "tau" in x:
         given.extend(_split(tree, x["tau"]))
-    given.append(_wrench(model, tree, x["q"], wrench))
+    given.append(_external(model, tree, x["q"], wrench, robot.gravity))
     outs = [np.zeros((n, 6)) if tree.floating else None, np.zeros((n, tree.n))]
     if n < WIDTH:
         rows(robot, *given, _work(tree), *outs)
@@ -668,16 +677,22 @@ def _to_lanes(a: Motion | np.ndarray | None) -> Any:
     return out
 
 
-def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrenches | None) -> np.ndarray | None:
-    """Compute external forces (n, bodies, 6) about the common origin, None if there are none."""
-    if wrench is None:
-        return None
-    instance("wrench", wrench, Mapping, "give {link: Wrench(force, moment)}")
-    if not wrench:
+def _external(
+    model: Model, tree: Tree, q: np.ndarray, wrench: Wrenches | None, gravity: np.ndarray
+) -> np.ndarray | None:
+    """Compute external forces (n, bodies, 6) about the common origin, borne weights too; None if there are none."""
+    if wrench is not None:
+        instance("wrench", wrench, Mapping, "give {link: Wrench(force, moment)}")
+    lifts = build_lifts(model, tree, gravity)
+    if not wrench and lifts is None:
         return None
     poses = _poses(tree, q)
     out = np.zeros((len(q), tree.n + 1, 6))
-    for name, value in wrench.items():
+    for lift in () if lifts is None else lifts:
+        p = poses[:, lift.body, 9:] + applied(poses[:, lift.body, :9].reshape(-1, 3, 3), lift.point)
+        out[:, lift.body, :3] += np.cross(p, lift.force)
+        out[:, lift.body, 3:] += lift.force
+    for name, value in (wrench or {}).items():
         if name not in tree.placements:
             raise ValueError(f"{model.name}: wrench: no link {name!r} to push; links: {', '.join(tree.placements)}")
         force, moment = _force_and_moment(f"{model.name}: wrench on {name}", value, len(q))

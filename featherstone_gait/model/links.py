@@ -44,6 +44,8 @@ class Link:
         Center of mass (3,) in the link's frame [m].
     inertia : tuple of float
         Inertia about the center of mass, in link axes: ixx, ixy, ixz, iyy, iyz, izz [kg m^2].
+    gravity_compensation : float
+        Share of its weight that a force at its center of mass bears: 1 lets it float.
 
     Raises
     ------
@@ -55,6 +57,7 @@ class Link:
     mass: float = field(metadata=allowed(">= 0", "kg", "a link without mass is one without <inertial>"))
     center_of_mass: Vector
     inertia: tuple[float, ...]
+    gravity_compensation: float = quantity("finite", "-", 0.0, "1 bears the whole weight, 0 nothing")
 
     __repr__ = brief
 

@@ -1,7 +1,8 @@
-"""Read what a URDF says about the motion in <gazebo>: the springs of joints, and what is doubtful.
+"""Read what a URDF says about the motion in <gazebo>: springs of joints, links without gravity, and what is doubtful.
 
 Of `<gazebo reference="JOINT">` the elements springStiffness and springReference are read, as Gazebo's converter to SDF
-does: the last one counts, its value is text or the attribute `value`.  How Gazebo integrates a spring
+does: the last one counts, its value is text or the attribute `value`.  turnGravityOff and gravity are those of a link.
+How Gazebo integrates a spring
 (implicitSpringDamper, cfmDamping) does not change its law.
 """
 
@@ -15,12 +16,13 @@ from .report import Report
 
 FIELDS = {"springStiffness": "stiffness", "springReference": "spring_reference"}  # of Joint
 LAWLESS = ("implicitSpringDamper", "cfmDamping")  # of numerics
-TRUE, FALSE = ("1", "true", "yes"), ("0", "false", "no")
+GRAVITY = {"turnGravityOff": ("1", "true", "yes"), "gravity": ("0", "false", "no")}  # and what switches it off
 SPRINGS = ("spring_stiffness", "spring_reference", "spring_constant", *FIELDS)
 
 
-def read_gazebo(root: Element, report: Report) -> dict[str, dict[str, Any]]:
-    """Read stiffness and reference of the joints' springs, by joint; elements that are understood are removed."""
+def read_gazebo(root: Element, report: Report) -> tuple[dict[str, dict[str, Any]], set[str]]:
+    """Read the numbers of springs, by joint, and the links without gravity; remove elements that are understood."""
+    links, floating = {link.get("name", "") for link in root.iterfind("link")}, set[str]()
     joints = {joint.get("name", "") for joint in root.iterfind("joint") if joint.get("type") != "fixed"}
     read: dict[str, dict[str, Any]] = {}
     for gazebo in root.findall("gazebo"):
@@ -35,31 +37,35 @@ def read_gazebo(root: Element, report: Report) -> dict[str, dict[str, Any]]:
                     read.setdefault(name, {})["damping"] = _value(child, f"{what} <damping>")
                     found, taken = "<damping>, which Gazebo does not read there", "taken for that of <dynamics>"
                     report.assume(gazebo, what, found, taken, "write it as <dynamics damping=...> of the joint")
+            elif name in links and child.tag in GRAVITY:
+                (floating.add if _said(child) in GRAVITY[child.tag] else floating.discard)(name)
             elif not (name in joints and child.tag in LAWLESS):
                 _doubt(gazebo, child, what, report)
                 continue
             gazebo.remove(child)
-        if name in joints and not len(gazebo):
+        if (name in joints or name in links) and not len(gazebo):
             root.remove(gazebo)
-    return read
+    return read, floating
 
 
 def _value(child: Element, what: str) -> float:
     """Return the number of an element."""
-    text = child.get("value", (child.text or "").strip())
-    return number(Element(child.tag, {"value": text}), "value", what)
+    return number(Element(child.tag, {"value": _said(child)}), "value", what)
+
+
+def _said(child: Element) -> str:
+    return str(child.get("value", child.text or "")).strip().lower()
 
 
 def _doubt(gazebo: Element, child: Element, what: str, report: Report) -> None:
     """Report what changes the motion and is ignored."""
-    said = (child.get("value") or child.text or "").strip().lower()
+    said = _said(child)
     springs = sorted({f"<{element.tag}>" for element in child.iter() if element.tag in SPRINGS})
-    floats = (child.tag == "turnGravityOff" and said in TRUE) or (child.tag == "gravity" and said in FALSE)
     if springs:
         remedy = "write <gazebo reference=JOINT> with <springStiffness> and <springReference>, or remove it"
         report.assume(gazebo, what, f"{', '.join(springs)} of no joint that moves", "ignored", remedy)
-    elif floats:
-        report.assume(gazebo, what, f"<{child.tag}> switches gravity off", "gravity acts", "remove it")
+    elif child.tag in GRAVITY and said in GRAVITY[child.tag]:
+        report.assume(gazebo, what, f"<{child.tag}> of no link", "ignored", "name the link in reference, or remove it")
     elif child.tag == "dampingFactor" and said not in ("", "0", "0.0"):
         report.assume(gazebo, what, f"<dampingFactor> {said[:40]}", "ignored", "use <dynamics damping=...> of joints")
     elif child.tag in ("joint", "link"):

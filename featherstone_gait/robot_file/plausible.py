@@ -34,8 +34,8 @@ def doubt_inertias(robot: Robot, report: Report) -> None:
                 f"link {link.name!r}",
                 f"inertia of {largest:.3g} kg m^2 with {link.mass:.3g} kg has a radius of gyration of {radius:.3g} m; "
                 f"expected up to {most:.2g} m in a robot of this size",
-                "taken as stated",
-                "give it in kg m^2 (1 kg mm^2 is 1e-6), about the center of mass",
+                "taken as stated (1 kg mm^2 is 1e-6 kg m^2)",
+                "give it in kg m^2, about the center of mass (1 kg mm^2 is 1e-6 kg m^2)",
             )
 
 

@@ -80,7 +80,13 @@ def _link_lines(link: Link, shapes: Sequence[Shape]) -> list[str]:
         origin, mass = element("origin", {"xyz": link.center_of_mass}), element("mass", {"value": link.mass})
         inertia = element("inertia", dict(zip(INERTIA, link.inertia)))
         inside = element("inertial", {}, [*origin, *mass, *inertia]) + inside
-    return element("link", {"name": link.name}, inside)
+    if link.gravity_compensation not in (0.0, 1.0):
+        raise ValueError(
+            f"link {link.name!r}: URDF cannot state a gravity_compensation of {link.gravity_compensation:g}; give 0 or "
+            "1, or write MJCF"
+        )
+    floats = element("gazebo", {"reference": link.name}, ["<turnGravityOff>true</turnGravityOff>"])
+    return [*element("link", {"name": link.name}, inside), *(floats if link.gravity_compensation else [])]
 
 
 def _shape_lines(shape: Shape) -> list[str]:

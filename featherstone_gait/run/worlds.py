@@ -41,7 +41,7 @@ FIELDS = {  # numbers that may differ, by section
         for f in dataclasses.fields(part)
         if f.name not in ("controller", "gearbox", "law", "wrap")
     ),
-    "links": ("mass", "center_of_mass", "inertia"),
+    "links": ("mass", "center_of_mass", "inertia", "gravity_compensation"),
     "joints": ("damping", "friction", "armature", "effort", "lower", "upper", "stiffness", "spring_reference"),
     "supply": tuple(f.name for f in dataclasses.fields(Supply)),
 }

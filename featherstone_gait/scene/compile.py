@@ -23,7 +23,7 @@ from ..model import Controller, Ground, Model, Spring
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import ByChannel, StateView
 from .contact import build_contact, standing_posture
-from .external import Push, build_pushes, build_springs
+from .external import Push, build_lifts, build_pushes, build_springs
 from .firmware import build_firmware, build_supply
 from .friction import Friction, build_friction, sticks
 from .joint_spring import build_joint_springs, fold_joint_springs
@@ -311,6 +311,7 @@ def compile_scene(
         firmware=build_firmware(model, drive, h, ticks),
         supply=build_supply(model, drive),
         joint_springs=joint_springs,
+        lifts=build_lifts(model, tree, g),
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)
     return CompiledScene(

@@ -565,7 +565,7 @@ def test_all_reasons_come_at_once(write):
         (robot(f'<body><joint frictionloss="1"/>{BALL}</body>', NO % "frictionloss"), "switches off friction"),
         (robot(f'<body><joint frictionloss="1"/>{BALL}</body>', NO % "constraint"), "switches off friction"),
         (robot(f"<body><joint/>{BALL}</body>", '<option density="1000"/>'), "fluid"),
-        (robot(f'<body gravcomp="1"><joint/>{BALL}</body>'), "gravcomp"),
+        (robot(f'<body gravcomp="1"><joint actuatorgravcomp="true"/>{BALL}</body>'), "gravcomp"),
         (robot(f"<body><joint/>{BALL}</body>", '<option gravity="0 0 -1.6"/>'), "gravity"),
         (robot(f'<body><joint type="free" damping="1"/>{BALL}</body>'), "free joint"),
         (robot(f"<body><freejoint/>{BALL}</body>" * 2), "left out bodies 'body2'"),
@@ -589,6 +589,24 @@ def test_springs_are_read_unless_they_are_switched_off(write, flag, stiffness):
     model = load_robot(write(robot(f'<body><joint stiffness="2" springref="90"/>{BALL}</body>', flag)), strict=True)
     (joint,) = model.joints
     assert (joint.stiffness, joint.spring_reference) == (stiffness, pytest.approx(math.pi / 2 if stiffness else 0.0))
+
+
+BORNE = """<body gravcomp="0.6"><joint axis="0 1 1"/><geom size="0.1" mass="1" pos=".2 0 0"/>
+<body pos="0 0 .3" gravcomp="1.2"><geom size="0.1" mass="2" pos=".1 0 0"/></body></body>"""
+
+
+@pytest.mark.parametrize(
+    ("flag", "borne"),
+    [("", [0.0, 0.6, 1.2]), ('<option><flag spring="disable" damper="disable"/></option>', [0.0, 0.0, 0.0])],
+)
+def test_weights_that_are_borne_act_as_in_mujoco(write, tmp_path, flag, borne):
+    """Also of a body that is fixed to another, and after a round trip; both flags switch gravcomp off."""
+    path, again = write(robot(BORNE, flag)), tmp_path / "again.xml"
+    model = load_robot(path, strict=True)
+    assert [link.gravity_compensation for link in model.links] == borne
+    save_robot(model, again)
+    for each in (path, again):
+        assert relative_error(load_robot(each), mujoco.MjModel.from_xml_path(str(each))) < 1e-12
 
 
 def test_reasons_and_doubts_come_at_once(write):
@@ -721,7 +739,6 @@ def test_published_robots_load_and_move_as_in_mujoco(package, under):
         except ValueError:  # fragments, and files whose meshes are not shipped
             continue
         if is_a_robot(m):
-            m.body_gravcomp[:] = 0
             model = load_robot(path)
             links = {link.name for link in model.links}
             masses = [m.body_mass[b] for b, name in enumerate(names_of(m, "body", m.nbody)) if b and name in links]

@@ -710,8 +710,7 @@ def test_springs_of_joints_are_those_of_gazebo(tmp_path, gazebo, expected):
         (f"<gazebo>{SPRING}</gazebo>", "springStiffness"),
         ('<gazebo reference="hip"><axis><spring_stiffness>1</spring_stiffness></axis></gazebo>', "spring_stiffness"),
         ('<gazebo reference="hip"><damping>0.7</damping></gazebo>', "damping"),
-        ('<gazebo reference="foot"><turnGravityOff>true</turnGravityOff></gazebo>', "turnGravityOff"),
-        ('<gazebo reference="foot"><gravity>0</gravity></gazebo>', "gravity"),
+        ('<gazebo reference="head"><turnGravityOff>true</turnGravityOff></gazebo>', "turnGravityOff"),
         ('<gazebo reference="foot"><dampingFactor>0.1</dampingFactor></gazebo>', "dampingFactor"),
         ('<gazebo><joint name="loop" type="revolute"/></gazebo>', "joint"),
     ],
@@ -723,6 +722,26 @@ def test_what_gazebo_would_add_to_the_motion_is_warned_of_or_refused(tmp_path, g
     assert robot.joints[0].damping == (0.7 if says == "damping" else 0.01)
     with pytest.raises(RobotFileError, match=says):
         load_robot(path, strict=True)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("said", "borne"),
+    [
+        ("<turnGravityOff>true</turnGravityOff>", 1.0),
+        ('<turnGravityOff value="1"/>', 1.0),
+        ("<gravity>0</gravity>", 1.0),
+        ("<turnGravityOff>false</turnGravityOff><gravity>true</gravity>", 0.0),
+    ],
+)
+def test_gazebo_switches_off_the_gravity_of_a_link(tmp_path, said, borne):
+    path = write(tmp_path, swap(URDF, "</robot>", f'<gazebo reference="foot">{said}</gazebo></robot>'))
+    robot = load_robot(path, strict=True)
+    assert [link.gravity_compensation for link in robot.links] == [0.0, 0.0, borne]
+    save_robot(robot, tmp_path / "saved.urdf")
+    assert load_robot(tmp_path / "saved.urdf").links == robot.links
+    with pytest.raises(ValueError, match="gravity_compensation"):
+        save_robot(replace(robot, links=[replace(link, gravity_compensation=0.5) for link in robot.links]), path)
 
 
 @pytest.mark.parametrize("stiffness", ["-1", "stiff", "", "nan"])

@@ -35,6 +35,7 @@ class Scene(NamedTuple):
     firmware: Firmware = Firmware()
     supply: np.ndarray | None = None  # (1,) SUPPLY
     joint_springs: np.ndarray | None = None  # (n,) JOINT_SPRING
+    lifts: np.ndarray | None = None  # (links,) PUSH, at all times, that bear weight
 
 
 @structure

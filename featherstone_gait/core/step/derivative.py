@@ -37,7 +37,7 @@ def derivative(step, dy):
         others, _ = plus_spring(scene.joint_springs, step, i, speed, others, 0.0)
         step.Z[TAU, i] = T + others
     contact_rates(scene.contact, step, dy)
-    external_forces(scene.push, scene.springs, step)
+    external_forces(scene.push, scene.springs, scene.lifts, step)
     accelerations(_armature(scene.friction, step), scene.contact, step, a)
     _friction_of_acceleration(scene.friction, step, dy)
     for i in range(n):

@@ -88,18 +88,18 @@ def solve_step(step):
     """
     predict(step.predicted, rotor_of(step.actuator), step)
     place_contacts(step.scene.contact, step.predicted, step)
-    external_forces(step.scene.push, step.scene.springs, step)
+    external_forces(step.scene.push, step.scene.springs, step.scene.lifts, step)
     forces = any_present(any_present(acting(step), step.tau), step.scene.contact)
     _find_velocities(forces, rotor_of(step.actuator), step.scene.contact, step)
 
 
 @inline
-def external_forces(push, springs, step):
-    """Fill F (n + 1, 6) with pushes and springs, as [moment; force] about the common origin; nothing where none acts.
+def external_forces(push, springs, lifts, step):
+    """Fill F (n + 1, 6) with pushes, springs and lifts, as [moment; force] about the common origin, if there are any.
 
     It is the sum of all external forces on the bodies that are not folded into the step.
     """
-    if push is not None or springs is not None:
+    if push is not None or springs is not None or lifts is not None:
         for i in range(len(step.F)):
             for k in range(6):
                 step.F[i, k] = 0.0
@@ -107,6 +107,8 @@ def external_forces(push, springs, step):
         add_pushes(push, step.t, step.span, step.W, step.F)
     if springs is not None:
         add_springs(springs, step.W, step.F)
+    if lifts is not None:
+        add_pushes(lifts, step.t, step.span, step.W, step.F)
 
 
 @inline
@@ -280,7 +282,8 @@ def _solve_free(armature, predicted, step):
 def accelerations(diagonal, contact, step, qdd):
     """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
     base_q = slice_if(step.scene.floating, step.y, step.offsets.base_q, 7)
-    wrench = only_if(any_present(step.scene.push, step.scene.springs), step.F)
+    external = any_present(step.scene.push, any_present(step.scene.springs, step.scene.lifts))
+    wrench = only_if(external, step.F)
     articulated_pass(step.scene.tree, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
     constrain(step.scene.coupling, base_q, contact, step.scene.tree, step.W)
     acceleration_pass(step.scene.tree, step.W, qdd)

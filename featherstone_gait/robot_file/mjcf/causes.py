@@ -9,12 +9,12 @@ import numpy as np
 
 from ...base.flaws import quoted
 from . import equalities
-from .tree import BALL, FREE, NO_SPRINGS, Tree, moving_trees
+from .tree import BALL, FREE, NO_DAMPERS, NO_SPRINGS, Tree, moving_trees
 
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
 NO_CONSTRAINTS, NO_FRICTION, NO_LIMITS = 1 << 0, 1 << 2, 1 << 3
-NO_DAMPERS, NO_GRAVITY = 1 << 6, 1 << 7
+NO_GRAVITY = 1 << 7
 
 
 def refusals(m: Any, names: Tree) -> Iterator[str]:
@@ -87,9 +87,9 @@ def _gravity(m: Any, tree: Tree) -> Iterator[str]:
     if m.opt.disableflags & NO_GRAVITY:
         yield "a <flag> switches off gravity in the file: give gravity=(0, 0, 0) to compile_scene"
         return
-    if np.any(m.body_gravcomp):
+    if np.any(m.body_gravcomp) and m.jnt_actgravcomp.any():
         held = [tree.bodies[b] for b in np.flatnonzero(m.body_gravcomp)]
-        yield f"ignored gravcomp of bodies {quoted(held)}: gravity acts on all bodies"
+        yield f"ignored gravcomp of bodies {quoted(held)}, which actuators take over (actuatorgravcomp): not supported"
     if tuple(m.opt.gravity) != GRAVITY:
         yield f"gravity of the file is {tuple(m.opt.gravity.tolist())} m/s^2: give it to compile_scene"
 

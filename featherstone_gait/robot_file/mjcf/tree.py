@@ -22,7 +22,7 @@ FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)  # mjtGeom
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 NO_STOP = 1e10  # a range this wide is none
-NO_SPRINGS = 1 << 5  # mjtDisableBit, of <flag>
+NO_SPRINGS, NO_DAMPERS = 1 << 5, 1 << 6  # mjtDisableBit, of <flag>
 
 
 class Tree(NamedTuple):
@@ -116,7 +116,14 @@ def _link(m: Any, b: int, name: str) -> Link:
         return Link(name, **MASSLESS)
     A, B, C = m.body_inertia[b].tolist()
     I = turned_inertia(rotation_from_quaternion(m.body_iquat[b]), (A, 0.0, 0.0, B, 0.0, C))
-    return Link(name, mass, vector(m.body_ipos[b]), inertia_tuple(I))
+    borne = float(m.body_gravcomp[b]) if bears_weight(m) else 0.0
+    return Link(name, mass, vector(m.body_ipos[b]), inertia_tuple(I), borne)
+
+
+def bears_weight(m: Any) -> bool:
+    """Return whether gravcomp acts on the bodies: no <flag> switches it off, and no actuator takes it over."""
+    off = NO_SPRINGS | NO_DAMPERS
+    return m.opt.disableflags & off != off and not m.jnt_actgravcomp.any()
 
 
 def _chain(m: Any, b: int, bodies: list[str], names: list[str], taken: list[str]) -> list[Joint]:

@@ -105,7 +105,8 @@ def _root_lines(model: Model, inertias: Inertials) -> list[str]:
     if _is_world(model):
         return inside[model.root in inertias :]
     free = ["<freejoint/>"] if model.base == "floating" else []
-    return element("body", {"name": _body_name(model, model.root)}, [*free, *inside])
+    attributes = {"name": _body_name(model, model.root), "gravcomp": _borne(model, model.root)}
+    return element("body", attributes, [*free, *inside])
 
 
 def _inside(model: Model, link: str, inertias: Inertials) -> list[str]:
@@ -126,8 +127,12 @@ def _child_lines(model: Model, joint: Joint, inertias: Inertials) -> list[str]:
     moving = [(j, pose) for j, pose in zip(chain, poses) if j.name in model.joint_rows]
     joints = [line for j, pose in moving for line in _joint_lines(model, j, pose, poses[-1])]
     link = chain[-1].child
-    attributes = {"name": _body_name(model, link), "pos": xyz, "euler": rpy}
+    attributes = {"name": _body_name(model, link), "pos": xyz, "euler": rpy, "gravcomp": _borne(model, link)}
     return element("body", attributes, [*joints, *_inside(model, link, inertias)])
+
+
+def _borne(model: Model, link: str) -> float | None:
+    return model.link(link).gravity_compensation or None
 
 
 def _is_world(model: Model) -> bool:
@@ -211,6 +216,11 @@ def _inertials(model: Model) -> tuple[Inertials, list[str]]:
             found = _together(body, placements[body.links[0]])
             if found is None and (row or model.base == "floating"):
                 raise ValueError(_refusal(body, heavy))
+            if len({links[name].gravity_compensation for name in body.links}) > 1:
+                raise ValueError(
+                    f"link {body.links[0]!r}: MJCF states one inertia for all that moves as one with it, whose links "
+                    "have different gravity_compensation: give them one value"
+                )
             if found is None:
                 remark = "left out the inertia of what never moves, for no body has it"
             elif np.linalg.eigvalsh(body.inertia)[0] < LEAST:
