@@ -162,7 +162,8 @@ class Controller:
 
     def __post_init__(self) -> None:
         check(choice_flaws("controller", "law", self.law, get_args(Law)), quantity_flaws("controller", self))
-        if truth("controller: wrap", self.wrap) and self.law == "pid_speed":
+        object.__setattr__(self, "wrap", truth("controller: wrap", self.wrap))
+        if self.wrap and self.law == "pid_speed":
             raise ValueError("controller: wrap is True, and the law 'pid_speed' follows no angle: leave wrap out")
         if self.law in TORQUE_LAWS:
             for f in fields(self):
