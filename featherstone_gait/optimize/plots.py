@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import OptimizeResult
 
-from ..view.gait_page import least_so_far, parts_of
+from ..view.gait_page import candidate_numbers, least_so_far, parts_of
 from ..view.style import BAD, BLUE, look
 from ..walking.cost import WalkingCost
 
@@ -34,14 +34,15 @@ def plot_convergence(result: OptimizeResult) -> Figure:
 
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes = figure.subplots()
-    costs = result.history["f"]
-    best = np.concatenate([least_so_far(part) for part in parts_of(costs, result.get("since"))])
+    costs, since = result.history["f"], result.get("since")
+    best = np.concatenate([least_so_far(part) for part in parts_of(costs, since)])
+    at = candidate_numbers(costs, since, result.nit)
     start = best[np.isfinite(best)][0]
-    failed = np.flatnonzero(~(costs < 1.5 * start))
-    axes.plot(costs, ".", color="0.65", markersize=3, label="candidate")
+    failed = at[~(costs < 1.5 * start)]
+    axes.plot(at, costs, ".", color="0.65", markersize=3, label="candidate")
     axes.plot(failed, np.full(len(failed), 1.5 * start), "|", color=BAD, alpha=0.4, label="fell, or costs more")
-    axes.step(np.arange(len(best)), best, where="post", color=BLUE, label="best so far")
-    axes.set(xlabel="candidate", ylabel="energy per distance [J/m]", ylim=(0.0, 1.55 * start), xlim=(0, len(costs)))
+    axes.step(at, best, where="post", color=BLUE, label="best so far")
+    axes.set(xlabel="candidate", ylabel="energy per distance [J/m]", ylim=(0.0, 1.55 * start), xlim=(0, max(at[-1], 1)))
     axes.legend(loc="lower left")
     return figure
 

@@ -7,9 +7,11 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 
@@ -21,6 +23,13 @@ Report = Mapping[str, Any]
 Part = dict[str, Any]  # of a section: a text, a table or a chart
 UNITS = {"m": ("mm", 1e3), "rad": ("°", math.degrees(1.0)), "-": ("%", 100.0)}  # of limits, as they are shown
 NONE = "–"
+FILES = {
+    "report": "all results, JSON", "arrays": "gait vectors, poses and costs, NumPy", "convergence": "the search, plot",
+    "angles_plot": "joint angles, plot", "animation": "both gaits, to play", "angles": "joint angles over time, CSV",
+    "goal_positions": "goal positions of AX-12 servos, CSV", "history": "every candidate, to resume from",
+    "limits_history": "every step with limits", "crosscheck": "walks in MuJoCo, JSON",
+    "crosscheck_table": "walks in MuJoCo, CSV",
+}  # fmt: skip
 SIDES = ("before", "after")
 TOWARDS = ("ahead", "ahead, left", "left", "behind, left", "behind", "behind, right", "right", "ahead, right")
 
@@ -59,6 +68,7 @@ def report_data(report: Report, costs: np.ndarray) -> dict[str, Any]:
         ("Pushes with and without feedback", _feedback(report)),
         ("In MuJoCo", _in_mujoco(report)),
         ("The search", _search(report, costs)),
+        ("Files", _files(report["files"])),
     ]
     return {
         "lead": f"{report['search']['candidates']} candidates, each on {where}, seed {settings['seed']}; servo "
@@ -266,19 +276,40 @@ def _search(report: Report, costs: np.ndarray) -> list[Part]:
         "file."
     )
     return [
-        *_convergence(costs, report["search"]["with_limits_from"]),
+        *_convergence(costs, report["search"]["with_limits_from"], report["search"]["candidates"]),
         *([_text(why), _table(head, chosen)] if chosen else []),
         _text(message, soft=True),
     ]
 
 
-def _convergence(costs: np.ndarray, since: int | None) -> list[Part]:
+def _convergence(costs: np.ndarray, since: int | None, candidates: int) -> list[Part]:
     """Chart the cost of every candidate and of the best so far."""
     if len(costs) < 2 or not np.isfinite(costs).any():
         return []
     best = np.concatenate([least_so_far(part) for part in parts_of(costs, since)])
     what = "Cost of each candidate in the search [J/m], and the lowest so far"
-    return [{"chart": "search", "what": what, "costs": _rounded(costs), "best": _rounded(best), "since": since}]
+    what += "; with limits that of each step, which tries several" * (since is not None)
+    lines = {"at": candidate_numbers(costs, since, candidates), "costs": costs, "best": best}
+    rounded = {name: _rounded(values) for name, values in lines.items()}
+    return [{"chart": "search", "what": what, "since": since, **rounded}]
+
+
+def candidate_numbers(costs: np.ndarray, since: int | None, candidates: int) -> np.ndarray:
+    """Count the candidates up to each cost; from `since` on a cost is that of a step, which tries several."""
+    first, *rest = parts_of(costs, since)
+    later = [np.linspace(len(first) - 1, candidates, len(part)) for part in rest]
+    return np.concatenate([np.arange(float(len(first))), *later])
+
+
+def _files(files: Mapping[str, str]) -> list[Part]:
+    """Link the files of the search, relative to the page."""
+    folder = os.path.dirname(files["page"])
+    rows = [
+        [FILES.get(kind, kind.replace("_", " ")), _cell(os.path.basename(path), link=os.path.relpath(path, folder))]
+        for kind, path in files.items()
+        if kind != "page"
+    ]
+    return [_table(["", "file"], rows)]
 
 
 def parts_of(costs: np.ndarray, since: int | None) -> list[np.ndarray]:
@@ -302,9 +333,10 @@ def _table(head: Sequence[Any], rows: Sequence[Sequence[Any]]) -> Part:
     return {"head": head, "rows": rows}
 
 
-def _cell(text: str, small: str = "", mark: tuple[str, str] | None = None) -> dict[str, Any]:
-    """Make a cell with small print below; mark: "good" or "bad", and the word that says so."""
-    return {"text": text, "small": small, "mark": mark}
+def _cell(text: str, small: str = "", mark: tuple[str, str] | None = None, link: str = "") -> dict[str, Any]:
+    """Make a cell with small print below; mark: "good" or "bad", and the word that says so; link: path of a file."""
+    cell: dict[str, Any] = {"text": text, "small": small, "mark": mark}
+    return cell | {"link": "./" + quote(link.replace(os.sep, "/"))} if link else cell
 
 
 def _row(text: str, small: str, values: Sequence[float | None], scale: float = 1.0, digits: int = 1) -> list[Any]:

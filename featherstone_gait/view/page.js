@@ -646,7 +646,8 @@ function prose({ text, soft }) {  // **bold**, `code`
 
 function table({ head, rows }) {
   const cell = (tag, scope) => content => {
-    const { text, mark, small } = content.text === undefined ? { text: content } : content, element = made(tag, "", text);
+    const { text, mark, small, link } = content.text === undefined ? { text: content } : content;
+    const element = made(tag, "", link ? Object.assign(made("a", "", text), { href: link }) : text);
     if (scope) element.scope = scope;
     if (mark) element.append(made("span", ...mark));
     if (small) element.append(made("small", "", small));
@@ -671,11 +672,11 @@ const CHARTS = {
       return label(LEFT, y - 10, name) + line("range" + kind, x(low), y, x(high), y) + `<circle class="mid${kind}" cx="${x(middle)}" cy="${y}" r="6"/>`;
     })];
   },
-  search({ costs, best, since }) {  // each candidate, and the lowest so far
-    const height = 220, n = costs.length - 1, most = 1.15 * best.find(f => f !== null), seen = f => f !== null && f <= most;
-    const x = k => LEFT + (W - LEFT - RIGHT) * k / n, y = f => 8 + (height - FOOT - 8) * (1 - f / most), parts = [];
+  search({ at, costs, best, since }) {  // each candidate, and the lowest so far
+    const height = 220, n = at.at(-1), most = 1.15 * best.find(f => f !== null), seen = f => f !== null && f <= most;
+    const along = c => LEFT + (W - LEFT - RIGHT) * c / n, x = k => along(at[k]), y = f => 8 + (height - FOOT - 8) * (1 - f / most), parts = [];
     for (const t of round(0, most)) parts.push(label(LEFT - 6, y(t) + 4, t, "end"), line("axis", LEFT, y(t), W - RIGHT, y(t)));
-    for (const t of round(0, n)) parts.push(label(x(t), height - 12, t, "middle"));
+    for (const t of round(0, n)) parts.push(label(along(t), height - 12, t, "middle"));
     costs.forEach((f, k) => { if (seen(f)) parts.push(`<circle class="dot" cx="${x(k).toFixed(1)}" cy="${y(f).toFixed(1)}" r="1.6"/>`); });
     if (since !== null) {
       const early = x(since) < 0.6 * W;

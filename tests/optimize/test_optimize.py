@@ -26,7 +26,7 @@ from featherstone_gait.optimize.planning import default_states
 from featherstone_gait.optimize.quality import measure_in_test_worlds
 from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.search import minimize
-from featherstone_gait.view.gait_page import write_gait_page
+from featherstone_gait.view.gait_page import candidate_numbers, write_gait_page
 from featherstone_gait.walking import BIOLOID_WALK, Feedback, bounds, read_angles
 from featherstone_gait.walking.cost import cost_of_motion
 from featherstone_gait.walking.gait_file import angles_of_goal_positions
@@ -147,6 +147,10 @@ def test_the_page_needs_nothing_from_the_network_and_says_what_the_report_says(j
     assert ["not met" not in row[2]["mark"] for row in asked] == [one["kept"] for one in limits]
     assert any("Not run" in text for text in texts)
     assert len(charts["search"]["best"]) == ITERATIONS + 1
+    assert charts["search"]["at"] == [*range(ITERATIONS + 1)]
+    links = {row[1]["link"] for row in tables["Files"]}
+    assert all((folder / link).is_file() for link in links)
+    assert len(links) == len(report["files"]) - 1  # the page itself
 
 
 def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
@@ -168,12 +172,20 @@ def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
     assert tables["At equal speed"][0][::2] == ["<plan>", "none in the search"]
     assert "Currents of the servos" not in tables
     assert (charts["search"]["since"], charts["search"]["costs"]) == (2, [80.0, None, 70.0])
+    assert charts["search"]["at"] == [0.0, 1.0, 1.0]
+
     assert "0.75 N s with feedback, 0.5 without" in summary(changed | {"elsewhere": report["elsewhere"]})
     space = "\N{NO-BREAK SPACE}"
     pushes = tables["Pushes with and without feedback"]
     assert ["mean", f"0.50{space}N{space}s", f"0.75{space}N{space}s"] in pushes
     (ankle,) = (row for row in pushes if row[1] == "4.25")
     assert (ankle[0]["text"], ankle[0]["small"]) == ("ankle of the stance leg, per error ahead", "rad/m")
+
+
+def test_steps_with_limits_reach_the_number_of_all_candidates():
+    """As the search counts them: 401 gaits, then a start and 16 steps of 24 candidates."""
+    numbers = candidate_numbers(np.ones(401 + 17), 401, 400 + 16 * 24)
+    assert numbers[[0, 400, 401, 402, -1]].tolist() == [0, 400, 400, 424, 784]
 
 
 def test_gains_are_told_at_equal_speed_and_with_standing_power_too(job):

@@ -231,6 +231,7 @@ told.controls = document.getElementById("controls").getBoundingClientRect().heig
 told.wide = document.documentElement.scrollWidth - innerWidth;
 told.lead = texts("> p"); told.tiles = texts(".tile"); told.titles = texts("h2"); told.cells = texts("td");
 told.rows = texts("tbody th"); told.bold = texts("b"); told.code = texts("code"); told.bad = texts("td .bad");
+told.links = [...document.querySelectorAll("#report a")].map(e => [e.textContent, e.getAttribute("href")]);
 told.charts = texts("svg text"); told.dots = document.querySelectorAll("circle.dot").length;
 told.best = document.querySelector("polyline").getAttribute("points").split(" ").length;
 told.heights = [...document.querySelectorAll("#report svg")].map(e => e.getBoundingClientRect().height > 60);
@@ -242,16 +243,18 @@ def test_a_report_is_drawn_by_the_same_page(tmp_path):
     costs, best = [90.0, 80.0, None, 85.0, 70.0], [90.0, 80.0, 80.0, 80.0, 70.0]
     parts = [
         {"text": "**Not** run: `featherstone-gait <x>`", "soft": False},
+        {"head": ["", "file"], "rows": [["all", {"text": "a b.json", "link": "./a%20b.json"}]]},
         {"head": ["", "here"], "rows": [[{"text": "<name>"}, {"text": "3 ", "small": "m", "mark": ["bad", "falls"]}]]},
         {"chart": "intervals", "what": "cost", "rows": [["plan", 40.0, 50.0, 60.0], ["found", 30.0, 35.0, 41.0]]},
-        {"chart": "search", "what": "search", "costs": costs, "best": best, "since": 3},
+        {"chart": "search", "what": "search", "at": [0, 1, 2, 2, 50], "costs": costs, "best": best, "since": 3},
     ]
     report = {"lead": "lead", "tiles": [["speed", "2 m/s", "note"]], "sections": [{"title": "Part", "parts": parts}]}
     (told,), console = found_in(render("report", {"report": report}), REPORT, tmp_path, sizes=(SIZES[1],))
     assert console == []
     assert (told["controls"], told["wide"] <= 0, told["heights"]) == (0, True, [True, True])
     assert (told["lead"], told["tiles"], told["titles"]) == (["lead"], ["speed2 m/snote"], ["Part"])
-    assert (told["rows"], told["cells"], told["bad"]) == (["<name>"], ["3 fallsm"], ["falls"])
+    assert (told["rows"], told["cells"], told["bad"]) == (["all", "<name>"], ["a b.json", "3 fallsm"], ["falls"])
+    assert told["links"] == [["a b.json", "./a%20b.json"]]
     assert ("Not" in told["bold"], told["code"]) == (True, ["featherstone-gait <x>"])
-    assert {"plan", "found", "with limits"} <= set(told["charts"])
+    assert {"plan", "found", "with limits", "50"} <= set(told["charts"])
     assert (told["dots"], told["best"]) == (4, 5)
