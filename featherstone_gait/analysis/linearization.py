@@ -215,7 +215,7 @@ def linearize(
     outputs = tuple(map(current_name, listed("outputs", outputs, "give a list of channels, such as ('torque',)")))
     for name in outputs:
         one_of("outputs", name, [known for known in RECORDABLE if BY_NAME[known].kind != "computed"])
-    threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
+    threads = None if threads is None else whole("threads", threads, 1, "one a core is usual", 1024)
     duration = steps * scene.timestep
     driven = tau is not None or "torque" in named
     compiled = with_steps(prepare(scene, duration, outputs, rtol=tolerance, driven=driven), steps, steps)

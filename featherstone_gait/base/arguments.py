@@ -6,6 +6,9 @@ import math
 import operator
 import os
 from collections.abc import Iterable
+from datetime import timedelta
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +103,20 @@ def shown(value: object) -> str:
     if isinstance(value, int) and abs(value) > 10**30:  # whose digits Python may refuse to write
         return f"a whole number of {value.bit_length()} bits"
     text = " ".join(repr(value).split())
-    return text if len(text) <= 80 else f"{text[:77]}..."
+    return (text if len(text) <= 80 else f"{text[:77]}...") + _not_float(value)
+
+
+def _not_float(value: Any, depth: int = 3) -> str:
+    """Say how to make a float of a number of a type that is refused, or of one in a list; "" for others."""
+    if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0):
+        return next(filter(None, (_not_float(item, depth - 1) for item in value[:20])), "") if depth else ""
+    value = value.item() if isinstance(value, np.ndarray) and value.dtype.kind == "O" else value
+    if isinstance(value, (Decimal, Fraction)):
+        return f" (a {type(value).__name__}: convert it with float())"
+    dtype = getattr(value, "dtype", None)
+    if isinstance(value, timedelta) or (dtype is not None and dtype.kind == "m"):
+        return f" (a {type(value).__name__} is no number of seconds: divide it by one second)"
+    return ""
 
 
 def is_real(value: object) -> bool:
@@ -111,8 +127,9 @@ def is_real(value: object) -> bool:
 def _as_float(value: Any) -> float | None:
     if type(value) is float:
         return value
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        if not (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"):
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float)):
+        kind = value.dtype.kind if isinstance(value, (np.generic, np.ndarray)) and value.ndim == 0 else ""
+        if kind not in ("i", "u", "f") or np.ma.is_masked(value):
             return None
     try:
         return float(value)

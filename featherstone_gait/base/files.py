@@ -121,8 +121,13 @@ def write_csv(
     with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         file.writelines(f"# {line}\n" for line in [str(form), *notes.splitlines()])
         writer = csv.writer(file, lineterminator=end)
-        writer.writerow(columns)
-        writer.writerows(rows)
+        writer.writerow([*map(_as_text, columns)])
+        writer.writerows([*map(_as_text, row)] for row in rows)
+
+
+def _as_text(cell: Any) -> Any:
+    """Put ' before a text that a spreadsheet would compute, such as a joint's name "=1+1"; `read_csv` takes it off."""
+    return f"'{cell}" if isinstance(cell, str) and _FORMULA.match(cell) and number(cell) != number(cell) else cell
 
 
 def read_csv(path: FilePath, form: Format) -> Iterator[tuple[int, list[str]]]:
@@ -140,13 +145,15 @@ def read_csv(path: FilePath, form: Format) -> Iterator[tuple[int, list[str]]]:
                 comments, line = comments + 1, file.readline()
             rows = csv.reader(chain([line] if line else [], file))
             for row in rows:
-                yield comments + rows.line_num, row
+                yield comments + rows.line_num, [cell[1:] if _QUOTED.match(cell) else cell for cell in row]
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: is not UTF-8 text; save it as CSV") from error
     except csv.Error as error:
         raise ValueError(f"{path}: is not CSV ({error}); save it as CSV") from error
 
 
+_FORMULA = re.compile(r"'*\s*[=+@-].|'*[\t\r]", re.DOTALL)  # what spreadsheets compute, or is quoted already
+_QUOTED = re.compile(r"''*\s*[=+@-].|''*[\t\r]", re.DOTALL)
 _NUMERAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 

@@ -6,7 +6,7 @@ Takes as long as the progress bar estimates; Ctrl-C keeps finished runs.  Exit c
 
   featherstone-gait study notebooks/stability_study.toml --out results
   featherstone-gait study notebooks/unit_study.toml --out results
-  featherstone-gait study FILE.toml --cluster tcp://HOST:8786 --batch 64
+  featherstone-gait study FILE.toml --cluster tcp://10.0.0.1:8786 --batch 64
 """
 
 from __future__ import annotations

@@ -23,7 +23,8 @@ from ..base.arguments import finite, listed, one_of, real, vector, whole
 from ..base.deprecated import keywords
 from ..model import Ground, Model
 from ..robot_file import load_robot
-from ..run.session import Session
+from ..run.prepare import most_ticks
+from ..run.session import MOST_ROBOTS, Session
 from ..run.simulate import standing_state
 from ..run.worlds import Worlds
 from ..scene.actuator import servo_gearbox
@@ -97,7 +98,7 @@ class _Robots:
         model, n = self.scene.model, self.scene.tree.n
         self.angles = vector("angles", np.zeros(n) if angles is None else angles, n, "[rad or m], of a standing robot")
         self.scale = real("scale", scale, 0.0, 10.0, "it is what an action of 1 moves a reference by")
-        self.ticks = whole("ticks", ticks, 1, "an action stands for so many controller ticks")
+        self.ticks = whole("ticks", ticks, 1, "an action holds for so many controller ticks", most_ticks(self.scene))
         self.duration = real("duration", duration, 1e-3, 1e6, "give the longest episode [s]")
         self.lower = np.array([joint.lower for joint in model.moving_joints])
         self.upper = np.array([joint.upper for joint in model.moving_joints])
@@ -336,7 +337,7 @@ class RobotVectorEnv(VectorEnv):
     ) -> None:
         self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
         self.render_mode, self.metadata = _render_mode(self, render_mode)
-        self.num_envs = whole("num_envs", num_envs, 1, "give the number of robots")
+        self.num_envs = whole("num_envs", num_envs, 1, "give the number of robots", MOST_ROBOTS)
         self.single_observation_space = self._robots.observation_space
         self.single_action_space = self._robots.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)

@@ -11,6 +11,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
+from ..base.arguments import is_real, shown
 from .source import read_bytes
 
 
@@ -52,8 +53,8 @@ def string(table: Mapping[str, Any], key: str, what: str) -> str:
 
 def real(value: Any, what: str) -> float:
     """Return a number as float, infinite ones included; raise ValueError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ValueError(f"{what} is {value!r}; expected a number: write it like 0.15 or 2e-3, without quotes")
+    if (not isinstance(value, int) and not is_real(value)) or isinstance(value, bool):
+        raise ValueError(f"{what} is {shown(value)}; expected a number: write it like 0.15 or 2e-3, without quotes")
     if abs(value) > sys.float_info.max and value != math.inf:
         raise ValueError(f"{what} is beyond {sys.float_info.max:.1e}; expected a number: correct its size")
     return float(value)

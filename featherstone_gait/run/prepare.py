@@ -113,6 +113,11 @@ def with_tolerance(
     return scene, wanted, wanted if atol is None else atol
 
 
+def most_ticks(scene: CompiledScene) -> int:
+    """Return how many controller ticks one call may simulate."""
+    return MOST_STEPS // scene.tick_steps
+
+
 def _plan(scene: CompiledScene, duration: float, record_interval: float | None) -> Plan:
     """Return the plan of a run in whole steps, ticks and samples."""
     h, tick = scene.timestep, scene.tick_steps

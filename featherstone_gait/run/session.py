@@ -40,7 +40,7 @@ from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, edges_on_
 from .fleet import Fleet
 from .lane_constants import numbers_in
 from .observation import Log, View
-from .prepare import coordinates, each_once, prepare, steps_between_records, with_tolerance
+from .prepare import coordinates, each_once, most_ticks, prepare, steps_between_records, with_tolerance
 from .program import CompiledController, open_loop, with_ticks
 from .reference import Reference
 from .start import check_scene
@@ -55,6 +55,7 @@ Observation = dict[str, Any]  # arrays (n, ...) by name; of sole_forces arrays b
 
 
 REMAKE = "make it with the scene and arguments of the file"
+MOST_ROBOTS, MOST_THREADS = 10**6, 1024
 CHANGING = ("_issued", "_ticks", "_fresh", "_any_fresh", "_inaccurate")  # of a session, by a step
 
 
@@ -189,7 +190,7 @@ class Session:
         given, tick = self._given, self.tick
         rtol, atol, record_interval, threads = (given[name] for name in ("rtol", "atol", "record_interval", "threads"))
         how = {name: given[name] for name in ("pushes", "controller")} | {"driven": self.action == "torque"}
-        threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
+        threads = None if threads is None else whole("threads", threads, 1, "one a core is usual", MOST_THREADS)
 
         def first(one: CompiledScene) -> CompiledRun:
             one, r, a = with_tolerance(one, rtol, atol)
@@ -282,7 +283,8 @@ class Session:
             Number of controller ticks.
         """
         with self._alone():
-            ticks = 1 if ticks == 1 else whole("ticks", ticks, 1, "a step takes whole controller ticks")
+            if ticks != 1:
+                ticks = whole("ticks", ticks, 1, "a step takes whole controller ticks", most_ticks(self.scene))
             command = None if action is None else self._checked(action)
             if self._given["controller"] is None:
                 self._go_on(command, ticks)
@@ -682,7 +684,7 @@ def _driven(scene: CompiledScene, action: Action, controller: CompiledController
 def _scenes(scene: CompiledScene, n: int | None, worlds: Worlds | None) -> tuple[list[CompiledScene], int]:
     """Return the scene of each robot, and their number."""
     if worlds is None:
-        n = 1 if n is None else whole("n", n, 1, "give the number of robots", 10**6)
+        n = 1 if n is None else whole("n", n, 1, "give the number of robots", MOST_ROBOTS)
         return [scene] * n, n
     instance("worlds", worlds, Worlds, "give Worlds(...)")
     n = len(worlds) if n is None else whole("n", n, 1, f"there are {len(worlds)} worlds", len(worlds))

@@ -34,12 +34,13 @@ command uses processes instead (`base.processes.process_pool`).  For several mac
     from distributed import Client, LocalCluster
 
     one = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    with LocalCluster(n_workers=2, threads_per_worker=1, env=one) as cluster, Client(cluster) as client:
+    local = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:8787"}  # where nobody else can send tasks
+    with LocalCluster(n_workers=2, threads_per_worker=1, env=one, **local) as cluster, Client(cluster) as client:
         run_study(read_study("FILE.toml"), "results", executor=client.get_executor(), batch=64)
 
-or, if a scheduler is running, ``featherstone-gait study FILE.toml --cluster tcp://HOST:8786``.  Workers need the same
-version of this package, but no robot files: the robot is sent with the task.  If a worker dies, another one gets its
-batch.  Give each worker one thread per core, and keep its numeric libraries from starting threads, as above.
+or, if a scheduler is running, ``featherstone-gait study FILE.toml --cluster tcp://10.0.0.1:8786``.  Workers need the
+same version of this package, but no robot files: the robot is sent with the task.  If a worker dies, another one gets
+its batch.  Give each worker one thread per core, and keep its numeric libraries from starting threads, as above.
 """
 
 from .run import run_study

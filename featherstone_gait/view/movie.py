@@ -226,7 +226,8 @@ class Picture:
         corners = self._corners(poses.rotation, poses.position)
         faces = [points[list(face)] for body, points in zip(self.found, corners) for face in body.faces]
         axes.add_collection3d(Poly3DCollection(faces, **self.looks, zorder=1))
-        axes.text2D(0.02, 0.95, label, transform=self.figure.transFigure, color=color, va="top", fontsize=11)
+        looks = {"color": color, "va": "top", "fontsize": 11, "parse_math": False}  # a "$" in a name is no formula
+        axes.text2D(0.02, 0.95, label, transform=self.figure.transFigure, **looks)
 
     def pixels(self) -> np.ndarray:
         """Return what was drawn last as colors (height, width, 3) from 0 to 255."""

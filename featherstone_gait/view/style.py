@@ -95,7 +95,7 @@ def label_ends(axes: Axes, ends: Sequence[tuple[float, str, Any]], x: float | No
         axes.annotate(
             text, (1.0 if x is None else x, place), xytext=(4, 0), textcoords="offset points", color=color,
             xycoords="axes fraction" if x is None else axes.get_xaxis_transform(), fontsize=size, va="center",
-            annotation_clip=False,
+            annotation_clip=False, parse_math=False,
         )  # fmt: skip
 
 

@@ -4,6 +4,9 @@ import copy
 import math
 import pickle
 from dataclasses import replace
+from datetime import timedelta
+from decimal import Decimal
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from featherstone_gait import (
     Joint,
     Reference,
     Servo,
+    Session,
     Target,
     compile_scene,
     forward_dynamics,
@@ -23,6 +27,7 @@ from featherstone_gait import (
     inverse_dynamics,
     inverse_kinematics,
     load_robot,
+    load_servo,
     plot_motion,
     simulate,
     standing_state,
@@ -211,3 +216,39 @@ def test_what_the_long_attack_found_is_refused_by_name(call, message):
 
 def test_a_whole_number_of_steps_may_be_a_float():
     assert isinstance(WalkSettings(n_steps=4.0).n_steps, int)
+
+
+LENGTHS = (np.timedelta64(1, "s"), timedelta(seconds=1))
+
+
+@pytest.mark.parametrize("value", [Decimal("0.1"), Fraction(1, 10), np.array(Decimal("0.1")), *LENGTHS])
+def test_numbers_of_other_types_are_refused_with_the_way_to_convert_them(value):
+    remedy = "divide it by one second" if value in LENGTHS else r"float\(\)"
+    calls = [
+        lambda: simulate(arm_scene(), value),
+        lambda: compile_scene(pendulum(), timestep=value, integrator="rk4"),
+        lambda: Ground(friction=value),
+        lambda: replace(pendulum().links[0], mass=value),
+        lambda: Reference([0.0, value], np.zeros((2, 1))),
+        lambda: compile_scene(pendulum(), gravity=[0.0, 0.0, value]),
+        lambda: Session(arm_scene(), value),
+        lambda: load_servo("ax12", Kp=value),
+    ]
+    for call in calls:
+        with pytest.raises(ValueError, match=remedy):
+            call()
+
+
+@pytest.mark.parametrize("count", [10**12, 10**40, 1e12])
+def test_counts_without_measure_are_refused_at_once(count):
+    session = Session(arm_scene(), 2, record=("q",))
+    calls = [
+        lambda: session.step(ticks=count),
+        lambda: Session(arm_scene(), count),
+        lambda: Session(arm_scene(), 2, threads=count),
+        lambda: minimize(lambda x: 0.0, np.zeros(2), amplitude=0.1, batch=count),
+    ]
+    for call in calls:
+        with pytest.raises(ValueError, match="whole number from"):
+            call()
+    assert not session.time.any()

@@ -1,11 +1,14 @@
 """Files appear whole or not at all, and together where they belong together."""
 
+import csv
 import errno
 
+import numpy as np
 import pytest
 
 from featherstone_gait import load_robot, save_robot
-from featherstone_gait.base.files import Format, complete, complete_together, moving_up, write_csv
+from featherstone_gait.base.files import Format, complete, complete_together, moving_up, read_csv, write_csv
+from featherstone_gait.walking import read_angles, write_angles
 
 
 def contents(folder):
@@ -96,3 +99,29 @@ def test_a_robot_is_saved_with_both_files_or_none(tmp_path):
     with pytest.raises(OSError, match=r"robot\.urdf, .*robot\.toml: cannot be written"):
         save_robot(load_robot("ax12_arm"), tmp_path / "robot.urdf")
     assert [path.name for path in tmp_path.iterdir()] == ["robot.toml"]
+
+
+FORMULAS = ["=1+1", "@data@", "+cmd|' /C calc'!A0", "-left", " =1", "\t=1", "'=1", "''@x"]
+
+
+def test_names_that_spreadsheets_would_compute_are_texts_and_read_back(tmp_path):
+    path, form = tmp_path / "table.csv", Format("table")
+    cells = [*FORMULAS, "-2.5", "+1e3", "-", "left_knee", "'", "a=b", ""]
+    write_csv(path, form, cells, [cells, [-1.5] * len(cells)])
+    with path.open(newline="") as file:
+        _, *rows = csv.reader(file)
+    assert all(cell.startswith("'") for row in rows[:2] for cell in row[: len(FORMULAS)])
+    assert rows[1][len(FORMULAS) :] == cells[len(FORMULAS) :]
+    assert rows[2] == ["-1.5"] * len(cells)
+    assert [row for _, row in read_csv(path, form)] == [cells, cells, rows[2]]
+
+
+def test_angles_of_joints_with_such_names_make_the_round_trip(tmp_path):
+    times, angles = np.arange(3.0), np.arange(6.0).reshape(3, 2) / 10.0
+    write_angles(tmp_path / "angles.csv", times, angles, ["=1+1", "@knee"])
+    assert "\r\n0.0" in (tmp_path / "angles.csv").read_bytes().decode()
+    assert ",=1+1" not in (tmp_path / "angles.csv").read_text()
+    found, read, names = read_angles(tmp_path / "angles.csv")
+    assert names == ("=1+1", "@knee")
+    np.testing.assert_allclose(read, angles, atol=1e-12)
+    np.testing.assert_allclose(found, times, atol=1e-12)

@@ -1,5 +1,7 @@
 """Figures: what their lines are, what is told at their ends, and figures to the digit that means something."""
 
+from dataclasses import replace
+
 import matplotlib
 import matplotlib.pyplot
 import nbformat
@@ -9,7 +11,7 @@ from matplotlib.colors import to_rgb
 from nbclient import NotebookClient
 from pages import fallen, humanoid, walking
 
-from featherstone_gait import Trajectory, load_robot, plot
+from featherstone_gait import Trajectory, load_robot, plot, show
 from featherstone_gait.reproduction.claim import plus_minus
 from featherstone_gait.view.style import COLORS, spread
 
@@ -48,6 +50,25 @@ def test_in_given_axes_partners_are_told_apart_by_their_stroke():
     assert len(drawn) == 10
     assert drawn["left_knee"].get_color() == drawn["right_knee"].get_color()
     assert (drawn["left_knee"].get_linestyle(), drawn["right_knee"].get_linestyle()) == ("-", "--")
+
+
+def test_names_are_drawn_as_they_are_written(tmp_path):
+    """Not as formulas, which names with dollars may not even be."""
+    names = ["$\\frac$", "a$b", "@data@"]
+    values = {"time": np.linspace(0, 1, 5), "q": np.eye(5)[:, :3]}
+    run = Trajectory(values, "ok", "", 1.0, np.zeros(0), {"joints": names})
+    figure = plot(run, "q")
+    figure.savefig(tmp_path / "q.png")
+    assert {text.get_text() for text in figure.axes[0].texts} == {*names}
+
+
+@pytest.mark.parametrize("name", ["@data@", "$data", "${script}", "{data}", "%(data)s"])
+def test_a_page_of_a_robot_with_an_odd_name_has_its_data_once(name, tmp_path):
+    model = load_robot("humanoid")
+    run, odd = walking(model), replace(model, name=name)
+    page, plain = (show(run, one, path=tmp_path / "page.html").html for one in (odd, model))
+    assert page.count('"links"') == plain.count('"links"')
+    assert name in page
 
 
 def test_labels_stand_at_the_ends_of_lines_and_apart():
