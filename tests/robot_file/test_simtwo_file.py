@@ -8,7 +8,7 @@ import pytest
 from random_tree import random_states
 from simtwo_scene import ARM
 
-from featherstone_gait import RobotFileError, RobotFileWarning, forward_dynamics, forward_kinematics, load_robot
+from featherstone_gait import RobotFileError, forward_dynamics, forward_kinematics, load_robot
 from featherstone_gait.model.shapes import Box, Cylinder, Sphere
 
 SCENE = """<?xml version="1.0"?>
@@ -131,12 +131,16 @@ def test_controllers_count_in_seconds(arm):
     assert "cardan_2" not in servos  # its motor is off
 
 
-def test_springs_are_warned_of(arm):
-    arm.write_text(ARM % "2")
-    with pytest.warns(RobotFileWarning, match="springs"):
+def test_springs_are_read(arm):
+    """Inherited from <default> too; `zeropos` is in degrees."""
+    arm.write_text((ARM % "2").replace('<motor ri="2"', '<spring k="0.5" zeropos="90"/><motor ri="2"'))
+    joints = {joint.name: joint for joint in load_robot(arm, strict=True).joints}
+    assert [joints[name].stiffness for name in ("turn", "cardan", "lift")] == [0.5, 0.5, 2.0]
+    assert joints["turn"].spring_reference == pytest.approx(math.pi / 2)
+    assert joints["cardan_2"].stiffness == 0.0  # <spring2> is that of the second axis
+    arm.write_text(ARM % "-2")
+    with pytest.raises(RobotFileError, match="stiffness"):
         load_robot(arm)
-    with pytest.raises(RobotFileError, match="springs"):
-        load_robot(arm, strict=True)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, TypeAlias
 from xml.etree.ElementTree import Element
 
@@ -31,6 +32,12 @@ def parts_of(element: Element, suffix: str, inherited: Parts) -> Parts:
         if child.tag == name + suffix and name in PARTS:
             parts[name].update(child.attrib)
     return parts
+
+
+def spring_of(parts: Parts, numbers: Numbers, what: str) -> dict[str, Any]:
+    """Return stiffness and reference of the spring of an axis; `zeropos` is in degrees, of sliders too."""
+    read = partial(numbers.one, Element("spring", parts["spring"]), what=f"{what} <spring>")
+    return {"stiffness": read("k", 0.0), "spring_reference": math.radians(read("zeropos", 0.0))}
 
 
 def servo_of(parts: Parts, numbers: Numbers, what: str) -> Servo | None:

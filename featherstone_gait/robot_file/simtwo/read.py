@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 from xml.etree.ElementTree import Element
 
 from ...base.rotation import rotation_from_rpy
@@ -17,7 +17,7 @@ from ..markup import Vector, read_markup
 from ..report import Report
 from ..robot import MASSLESS, Posture, Robot
 from .expression import Numbers, constants_of
-from .motors import Parts, parts_of, servo_of
+from .motors import Parts, parts_of, servo_of, spring_of
 
 WORLD = "world"
 FULL_TURN = 180.0  # [deg] a stop at or beyond it stops nothing
@@ -48,6 +48,7 @@ class Axis(NamedTuple):
     direction: Vector
     limits: tuple[float, float]  # [deg or m]
     servo: Servo | None
+    spring: dict[str, Any]  # numbers of Joint
     element: Element
 
 
@@ -73,7 +74,7 @@ def read_simtwo(path: Path, root: Element, base: Base | None, report: Report) ->
     for axis in axes:
         with report.blaming(axis.element):
             joints.append(_joint(axis, origins.get(axis.parent, NOTHING)))
-    _doubt(body, numbers, report)
+    _doubt(body, report)
     report.raise_problems(file)
     report.remark("skipped colors, shells, sensors, surfaces and drag of the scene")
     fixed = any(WORLD in (axis.parent, axis.child) for axis in axes)
@@ -226,25 +227,25 @@ def _axes_of(
     child, sign = (second, -1.0) if parent == first else (first, 1.0)
     place = numbers.xyz(element.find("pos"), f"{what} <pos>")
     if kind != "Universal":
-        direction, limits, servo = _motion(element, parts[0], numbers, "", what)
-        yield Axis(name, kind, parent, child, place, _scaled(direction, sign, what), limits, servo, element)
+        direction, limits, servo, spring = _motion(element, parts[0], numbers, "", what)
+        yield Axis(name, kind, parent, child, place, _scaled(direction, sign, what), limits, servo, spring, element)
         return
     middle, order = f"{name}_cross", ("", "2") if parent == first else ("2", "")
     for suffix, ends_here in zip(order, ((parent, middle), (middle, child))):
-        direction, limits, servo = _motion(element, parts[suffix == "2"], numbers, suffix, what)
+        direction, limits, servo, spring = _motion(element, parts[suffix == "2"], numbers, suffix, what)
         joint = f"{name}_2" if suffix else name
-        yield Axis(joint, "Hinge", *ends_here, place, _scaled(direction, sign, what), limits, servo, element)
+        yield Axis(joint, "Hinge", *ends_here, place, _scaled(direction, sign, what), limits, servo, spring, element)
 
 
 def _motion(
     element: Element, parts: Parts, numbers: Numbers, suffix: str, what: str
-) -> tuple[Vector, tuple[float, float], Servo | None]:
-    """Return direction, limits and servo of an axis; suffix: "2" for the second one of a universal joint."""
+) -> tuple[Vector, tuple[float, float], Servo | None, dict[str, Any]]:
+    """Return direction, limits, servo and spring of an axis; suffix: "2" for the second one of a universal joint."""
     default = (0.0, 0.0, 1.0) if suffix else (1.0, 0.0, 0.0)
     direction = numbers.xyz(element.find(f"axis{suffix}"), f"{what} <axis{suffix}>", default)
     stops = element.find(f"limits{suffix}")
     limits = tuple(numbers.one(stops, end, v, f"{what} <limits>") for end, v in (("Min", -360.0), ("Max", 360.0)))
-    return direction, (limits[0], limits[1]), servo_of(parts, numbers, what)
+    return direction, (limits[0], limits[1]), servo_of(parts, numbers, what), spring_of(parts, numbers, what)
 
 
 def _scaled(direction: tuple[float, ...], sign: float, what: str) -> Vector:
@@ -284,6 +285,7 @@ def _joint(axis: Axis, origin: Vector) -> Joint:
     joint = Joint(axis.name, "fixed", axis.parent, axis.child, _minus(axis.position, origin))
     if axis.kind == "Fixed":
         return joint
+    joint = replace(joint, **axis.spring)
     lower, upper = axis.limits
     if lower > upper:
         unit = "m" if axis.kind == "Slider" else "deg"
@@ -316,13 +318,7 @@ def _quaternion(rpy: tuple[float, ...]) -> tuple[float, float, float, float]:
     )
 
 
-def _doubt(body: Element, numbers: Numbers, report: Report) -> None:
+def _doubt(body: Element, report: Report) -> None:
     """Report what changes the motion and is ignored."""
-    stiffnesses = []
-    for element in [element for element in body.iter() if element.tag in ("spring", "spring2")]:
-        with report.blaming(element):
-            stiffnesses.append(numbers.one(element, "k", 0.0, f"<{element.tag}>"))
-    if any(stiffnesses):
-        report.doubt("ignored the springs of axes: not supported")
     for tag in sorted({e.tag for e in _all(body, "solids") if e.tag not in (*SHAPES, *UNSUPPORTED)}):
         report.doubt(f"ignored <{tag}> in <solids>, which is no known solid")
