@@ -18,7 +18,7 @@ Takes half a minute for twelve recordings of 6 s; with --leave-out that again fo
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentTypeError, Namespace
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
@@ -42,7 +42,8 @@ TAKES = "half a minute for twelve recordings of 6 s, and as long for each furthe
 def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(commands, run, __doc__)
-    parser.add_argument("files", type=Path, nargs="+", metavar="FILE.csv", help="recording")
+    files = "recording; FILE.csv:Kp=61 states parameters of the servo in this recording alone, separated by commas"
+    parser.add_argument("files", type=_recording, nargs="+", metavar="FILE.csv", help=files)
     servo = "servo from whose parameters the fit starts: a name that `featherstone-gait servos` lists, or a .toml file"
     parser.option("--servo", servo, metavar="NAME")
     load = "robot with one joint that carries the load, in place of --mass and --length; its servo is the default"
@@ -65,9 +66,24 @@ def add(commands: Commands) -> None:
     effects += "see --leave-out) that is left out of the fit"
     parser.option("--effects", effects, False)
     others = "recordings to predict, not to fit"
-    parser.option("--predict", others, [], type=Path, nargs="+", metavar="FILE.csv")
+    parser.option("--predict", others, [], type=_recording, nargs="+", metavar="FILE.csv")
     parser.option("--plot", "name of the picture (default: identify.png)", type=Path, metavar="FILE.png")
     add_quiet(parser)
+
+
+def _recording(text: str) -> tuple[Path, dict[str, float]]:
+    """Split FILE.csv:NAME=VALUE,... into a path and the parameters of the servo in this recording."""
+    path, _, given = text.rpartition(":")
+    if "=" not in given:
+        return Path(text), {}
+    settings = {}
+    for part in given.split(","):
+        name, _, value = part.partition("=")
+        try:
+            settings[name.strip()] = float(value)
+        except ValueError:
+            raise ArgumentTypeError(f"{part!r} of {text!r} is no NAME=NUMBER, as in {path}:Kp=61") from None
+    return Path(path), settings
 
 
 def run(args: Namespace) -> int:
@@ -76,11 +92,12 @@ def run(args: Namespace) -> int:
     from ..identification.log import FitLog
 
     bench = BENCHES.get(args.servo)
-    on_bench = all([is_bench_recording(path) for path in (*args.files, *args.predict)])
+    files = [*args.files, *args.predict]
+    on_bench = all([is_bench_recording(path) and not settings for path, settings in files])
     if bench is None or not on_bench or any((args.robot, args.fit, args.gearbox)):
         return _fit_any(args)
     own = {"gain": args.gain, "mass": args.mass, "length": args.length}
-    recordings, others = ([read_bench(path, bench, **own) for path in paths] for paths in (args.files, args.predict))
+    recordings, others = ([read_bench(path, bench, **own) for path, _ in of] for of in (args.files, args.predict))
     announce(args, TAKES)
     with FitLog(args.out / "identify.jsonl") as log:
         return (_effects if args.effects else _fit)(args, bench, recordings, others, log)
@@ -103,7 +120,7 @@ def _fit_any(args: Namespace) -> int:
     usual = FITTED_LAW if servo is not None and not servo.motor_constant else FITTED
     parts = () if servo is None else (servo, servo.controller, servo.gearbox)
     fitted = args.fit or [name for name in usual if any(getattr(part, name, 0.0) for part in parts)]
-    recordings, others = ([read_recording(path) for path in paths] for paths in (args.files, args.predict))
+    recordings, others = ([read_recording(path, **own) for path, own in of] for of in (args.files, args.predict))
     kind = servo_gearbox(model, args.gearbox)
     announce(args, TAKES)
     fit = identify(model, recordings, fitted, kind, progress=True)

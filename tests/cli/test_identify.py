@@ -18,6 +18,12 @@ PAGE = Path(__file__).parents[2] / "docs" / "tutorials" / "servo.md"
 OWN = 'law = "pd"\nKp = 2.0\nKd = 0.1\nviscous_friction = 0.01\n'
 
 
+def errors(folder):
+    """Errors in identify_errors.csv [mrad], by recording."""
+    lines = [line for line in (folder / "identify_errors.csv").read_text().splitlines() if not line.startswith("#")]
+    return {row["recording"]: float(row["mean absolute error [mrad]"]) for row in csv.DictReader(lines)}
+
+
 def fitted(folder):
     """Values and intervals in identify.csv, by parameter."""
     lines = [line for line in (folder / "identify.csv").read_text().splitlines() if not line.startswith("#")]
@@ -39,13 +45,17 @@ def test_a_servo_of_ones_own_is_found_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     record(Path("swing.csv"), Servo(Controller("pd", Kp=3.0, Kd=0.15), viscous_friction=0.01), 0.5, 0.2)
     Path("mine.toml").write_text(OWN)
-    command = "identify swing.csv --servo mine.toml --mass 0.5 --length 0.2 --fit Kp Kd --predict swing.csv --quiet"
+    record(Path("soft.csv"), Servo(Controller("pd", Kp=2.5, Kd=0.15), viscous_friction=0.01), 0.5, 0.2)
+    command = (
+        "identify swing.csv --servo mine.toml --mass 0.5 --length 0.2 --fit Kp Kd --predict soft.csv:Kp=2.5 --quiet"
+    )
     assert cli.main(command.split()) == 0
     found = fitted(tmp_path)
     assert found["Kp"][0] == pytest.approx(3.0, rel=1e-6)
     assert found["Kd"][0] == pytest.approx(0.15, rel=1e-6)
+    assert max(errors(tmp_path).values()) < 1e-3
     assert {path.name for path in tmp_path.iterdir()} == {
-        "swing.csv", "mine.toml", "identify.csv", "identify_errors.csv", "identify.png"
+        "swing.csv", "soft.csv", "mine.toml", "identify.csv", "identify_errors.csv", "identify.png"
     }  # fmt: skip
 
 
