@@ -140,7 +140,8 @@ class Group:
             vector.kernel(vector.run, vector.y, vector.out)
         if program is not None:
             joints = self.compiled.scene.model.joint_names
-            self.runs[0].controller.check(program, joints)  # type: ignore[union-attr]
+            robots = self.of[k * self.lanes :] if len(self.runs) > 1 else ()
+            self.runs[0].controller.check(program, joints, robots)  # type: ignore[union-attr]
 
     def _at(self, k: int, lane: int) -> Run:
         """Return the run of a vector at the time of a lane."""

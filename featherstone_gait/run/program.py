@@ -147,7 +147,7 @@ class CompiledController:
             reference=np.zeros(2 * n),
             own_command=np.zeros(2 * n),
             own_memory=np.zeros(self.memory),
-            failure=np.zeros(3),
+            failure=np.zeros(4),
         )
 
     def _address(self) -> Any:
@@ -165,21 +165,22 @@ class CompiledController:
                 ) from error
         return self._made["address"]
 
-    def check(self, program: core.Program, joints: Sequence[str]) -> None:
+    def check(self, program: core.Program, joints: Sequence[str], robots: Sequence[int] | np.ndarray = ()) -> None:
         """Raise ValueError if it has raised an exception, with that of the same call in Python, or written no number.
 
-        joints: their names.
+        joints: their names; robots: of a session, which is in each lane.
         """
-        failed, t, where = program.failure.tolist()
+        failed, t, where, lane = program.failure.tolist()
         if failed == 0.0:
             return
         program.failure[:] = 0.0
+        when = f"at {t:.6g} s" + (f" of robot {robots[int(lane)]}" if len(robots) else "")
         if failed == core.NOT_FINITE:
             i, column = divmod(int(where), 2)
             what = "rate" if column else self.writes
             raise ValueError(
                 f"controller {self.name} wrote {program.own_command[int(where)]} as {what} of joint {joints[i]}, "
-                f"command[{i}, {column}], at {t:.6g} s: give finite numbers, at most {core.LARGEST:g} in size"
+                f"command[{i}, {column}], {when}: give finite numbers, at most {core.LARGEST:g} in size"
             )
         why, arrays = "an exception", (program.state, program.offsets, program.reference)
         cause: BaseException | None = None
@@ -189,7 +190,7 @@ class CompiledController:
         except Exception as error:
             why, cause = f"{type(error).__name__}: {error}", error
         raise ValueError(
-            f"controller {self.name} failed at {t:.6g} s: {why}; command is ({len(program.reference) // 2}, 2) and "
+            f"controller {self.name} failed {when}: {why}; command is ({len(program.reference) // 2}, 2) and "
             f"memory ({self.memory},): write within them, or ask for more memory"
         ) from cause
 

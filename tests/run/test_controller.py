@@ -232,9 +232,11 @@ def test_a_number_that_is_none_is_blamed_on_it():
     with pytest.raises(ValueError, match=told):
         simulate_batch(scene_of(), 0.1, references=[moving()] * 9, controller=not_a_number, estimate_error=False)
     session = Session(scene_of(), 9, controller=not_a_number)
-    session.step(ticks=3)
+    session.step(ticks=2)
+    session.reset(np.arange(9) != 5)
+    session.step()
     before = session.state
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=f"{told} of robot 5:"):
         session.step()
     assert np.array_equal(session.state, before)
 

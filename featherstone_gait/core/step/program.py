@@ -14,7 +14,8 @@ from ..compile.outside import call_outside
 from ..compile.structure import structure
 
 DONE, FIRST, OFFSET = 0, 1, 2  # of the clock: steps since the controller's start, steps before that, time before [s]
-FAILED, WHEN, WHERE = 0, 1, 2  # of its failure: one of the following, at the time [s], at this index of the command
+# Of its failure: one of the two below, at the time [s], at this index of the command, in this lane.
+FAILED, WHEN, WHERE, LANE = 0, 1, 2, 3
 RAISED, NOT_FINITE = 1.0, 2.0  # an exception; a number beyond `LARGEST`
 LARGEST = 1e50  # number of a command
 
@@ -36,7 +37,7 @@ class Program(NamedTuple):
     reference: np.ndarray  # (2 n,)
     own_command: np.ndarray  # (2 n,)
     own_memory: np.ndarray  # (K,)
-    failure: np.ndarray  # (3,)
+    failure: np.ndarray  # (4,)
 
     SHARED = (
         "function", "every", "replaces", "torques", "state", "offsets", "reference", "own_command", "own_memory",
@@ -73,7 +74,7 @@ def act(replaces, program, plan, k, y, reference):
         done = int(clock[DONE * width + lane]) + k
         if (done // plan.per_tick) % program.every == 0 and program.failure[FAILED] == 0.0:
             t = clock[OFFSET * width + lane] + (clock[FIRST * width + lane] + done) * plan.h
-            program.failure[WHEN] = t
+            program.failure[WHEN], program.failure[LANE] = t, lane
             for i in range(len(program.state)):
                 program.state[i] = numbers[i * width + lane]
             for i in range(len(program.reference)):
