@@ -264,5 +264,5 @@ def _figure(scene: CompiledScene, trajectory: Trajectory, text: str) -> Figure:
     panels[0].set(xlabel="", ylabel="joints [rad or m]")
     wrong = "" if trajectory.ok else f": {trajectory.status}"
     ended = f" at {trajectory.end_time:.3g} s" if trajectory.failed else ""
-    figure.suptitle(f"{text}{wrong}{ended}", color="black" if trajectory.ok else BAD)
+    figure.suptitle(f"{text}{wrong}{ended}", color="black" if trajectory.ok else BAD, parse_math=False)
     return figure

@@ -221,7 +221,7 @@ def plot_rollouts(recordings: Sequence[Any], angles: Sequence[np.ndarray]) -> Fi
         above.plot(r.time, np.degrees(r.angle), color=BLUE, linewidth=2.4, label="recorded")
         above.plot(r.time, np.degrees(angle), color=ORANGE, linewidth=1.0, label="simulated")
         below.plot(r.time, np.degrees(angle - r.angle), color="0.3", linewidth=0.7)
-        above.set_title(f"{r.name}\n{1e3 * np.abs(angle - r.angle).mean():.1f} mrad", fontsize=8)
+        above.set_title(f"{r.name}\n{1e3 * np.abs(angle - r.angle).mean():.1f} mrad", fontsize=8, parse_math=False)
         above.tick_params(labelbottom=False)
         if column == 0:
             above.set_ylabel("angle [deg]")

@@ -77,7 +77,7 @@ def plot_angles(cost: WalkingCost, first: np.ndarray, best: np.ndarray) -> Figur
             panel.plot(times, np.degrees(gait.angles(times)[:, k]), color=style, label=label)
             panel.plot(knots, np.degrees(gait.poses[:, k]), "o", color=style, markersize=4)
     for panel, name in zip(panels, names):
-        panel.set_title(name.replace("_", " "))
+        panel.set_title(name.replace("_", " "), parse_math=False)
     for panel in panels[n:]:
         panel.set_axis_off()
     figure.supxlabel("time in the stride [s]", fontsize="medium")

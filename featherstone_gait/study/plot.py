@@ -88,7 +88,8 @@ def _figure(study: Study, table: Path) -> Figure:
         if panels[0].get_legend_handles_labels()[1]:
             panels[0].legend(fontsize=8, frameon=False)
     failed = f", {np.sum(~ok)} not ok" if not ok.all() else ""
-    figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs{failed}")
+    title = f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs{failed}"
+    figure.suptitle(title, parse_math=False)
     return figure
 
 

@@ -108,6 +108,7 @@ def _plot(study: Study, found: dict[str, list[Index]], path: Path) -> None:
         axes.set_xlabel(textwrap.fill(f"share of the variance of {says}", 60 if len(found) == 1 else 26))
     panels[0].set_yticks(range(len(order)), [study.names[k].removeprefix("worlds.") for k in order])
     panels[-1].legend(loc="lower right")
-    figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)
+    title = f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs"
+    figure.suptitle(title, fontsize=11, parse_math=False)
     with complete(path) as temporary:
         figure.savefig(temporary, dpi=130)

@@ -147,6 +147,14 @@ def test_lines_have_units_where_joints_turn_and_slide():
     assert {text.get_text() for text in power.texts} == {"cart", "pole"}
 
 
+def test_names_are_no_formulas():
+    values = {"time": np.linspace(0, 1, 5), "q": np.zeros((5, 2))}
+    run = Trajectory(values, "ok", "", 1.0, np.zeros(0), {"joints": ["$\\frac$", "a$b$"]})
+    figure = plot(run, "q")
+    figure.draw_without_rendering()
+    assert {text.get_text() for text in figure.axes[0].texts} == {"$\\frac$", "a$b$"}
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("last", ["plot(run)", "figure", "plot(run);", "_ = plot(run); 1", "plot(run, 'q', axes=axes)"])
 def test_a_notebook_draws_a_figure_once(last, tmp_path, monkeypatch):
