@@ -1,18 +1,18 @@
 """Look into a function for what differs from one call to the next: random numbers, clocks, what runs in Python.
 
-The function is read as Numba reads it, with the functions that it calls, and not run.
+What its code names is looked up, with the functions that it calls; nothing runs.
 """
 
+import dis
 import random
 import types
 
 import numba
 import numpy as np
-from numba.core import compiler, ir
-from numba.core.errors import NumbaError
 
 CHANCE = ("random", "secrets", "time", "datetime", "uuid", "numpy.random")  # modules
 DRAWING = (random.Random, np.random.RandomState, np.random.Generator)
+KNOWN = ("numpy", "numba", "scipy")  # packages whose functions Numba has of its own
 
 
 def uses_chance(function):
@@ -22,35 +22,35 @@ def uses_chance(function):
 
 def _found_in(function, seen):
     code = getattr(function, "__code__", None)
-    if code is None or code in seen:
+    if code is None or code in seen or (function.__module__ or "").partition(".")[0] in KNOWN:
         return None
     seen.add(code)
+    own, attributes = _names(code, "LOAD_GLOBAL"), _names(code, "LOAD_ATTR", "LOAD_METHOD")
+    used = [function.__globals__[name] for name in own if name in function.__globals__]
+    used += [cell.cell_contents for cell in function.__closure__ or () if _is_full(cell)]
+    for value in used:  # grows: what the code may take from a module, by the attributes that it names
+        found = _named(value) or _found_in(getattr(value, "py_func", value), seen)
+        if found is not None:
+            return found
+        if isinstance(value, types.ModuleType) and value not in seen:
+            seen.add(value)
+            used += [getattr(value, name) for name in attributes if hasattr(value, name)]
+    return None
+
+
+def _names(code, *operations):
+    """Return the names on which a code, with those within it, does such operations, each once."""
+    names = [one.argval for one in dis.get_instructions(code) if one.opname in operations]
+    inner = [name for each in code.co_consts if isinstance(each, types.CodeType) for name in _names(each, *operations)]
+    return list(dict.fromkeys([*names, *inner]))
+
+
+def _is_full(cell):
+    """Return whether a variable of an outer function has its value already."""
     try:
-        read = compiler.run_frontend(function, inline_closures=True)
-    except NumbaError:  # which compiling will name
-        return None
-    values = {}  # of variables, as far as they are Python's objects
-    for _, block in sorted(read.blocks.items()):
-        for one in block.find_insts(ir.Assign):
-            value = _value(one.value, values)
-            if value is None:
-                continue
-            values[one.target.name] = value
-            found = _named(value) or _found_in(getattr(value, "py_func", value), seen)
-            if found is not None:
-                return found
-    return None
-
-
-def _value(node, values):
-    """Return the object that a node of Numba's code stands for, None if it is known only when the code runs."""
-    if isinstance(node, (ir.Global, ir.FreeVar)):
-        return node.value
-    if isinstance(node, ir.Var):
-        return values.get(node.name)
-    if isinstance(node, ir.Expr) and node.op == "getattr" and node.value.name in values:
-        return getattr(values[node.value.name], node.attr, None)
-    return None
+        return cell.cell_contents is not cell
+    except ValueError:
+        return False
 
 
 def _named(value):
@@ -60,6 +60,6 @@ def _named(value):
     if isinstance(value, types.ModuleType):
         return value.__name__ if value.__name__ in CHANCE else None
     module = getattr(value, "__module__", None) or ""
-    if isinstance(getattr(value, "__self__", None), DRAWING) or module in CHANCE:
-        return f"{module or 'random'}.{getattr(value, '__name__', value)}"
+    if isinstance(value, DRAWING) or isinstance(getattr(value, "__self__", None), DRAWING) or module in CHANCE:
+        return f"{module or 'random'}.{getattr(value, '__name__', type(value).__name__)}"
     return None
