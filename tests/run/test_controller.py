@@ -224,6 +224,7 @@ def test_what_is_wrong_is_said():
         pickle.dumps(controller(lambda t, state, reference, command, memory: None))
 
 
+@pytest.mark.long
 def test_a_number_that_is_none_is_blamed_on_it():
     """With the joint, the place and the time, in a run, in a batch and in a session, which stays as it was."""
     told = r"not_a_number wrote nan as voltage of joint elbow, command\[0, 0\], at 0\.03 s"
@@ -241,6 +242,7 @@ def test_a_number_that_is_none_is_blamed_on_it():
     assert np.array_equal(session.state, before)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("program", [divides, halves])
 def test_a_division_by_zero_is_an_error(program):
     with pytest.raises(ValueError, match=f"{program.name} failed at 0.03 s: ZeroDivisionError|FloatingPointError"):

@@ -92,6 +92,11 @@ def broken(t, state, reference, command, memory):
     memory[0] = np.inf
 
 
+@controller(writes="torque")
+def divides(t, state, reference, command, memory):
+    command[0, 0] = 1 // (3 - round(100.0 * t))
+
+
 def start(scene):
     return initial_state(scene, [0.1, 0.2], [0.3, -0.4])
 
@@ -111,6 +116,8 @@ def test_what_does_not_fit_is_refused():
     scene = compile_scene(cart_pole())
     with pytest.raises(ValueError, match=r"broken wrote inf as torque of joint hinge, command\[1, 0\], at 0\.01 s"):
         simulate(scene, 0.1, controller=broken, estimate_error=False)
+    with pytest.raises(ValueError, match=r"divides failed at 0\.03 s: ZeroDivisionError"):
+        simulate(scene, 0.1, controller=divides, estimate_error=False)
     with pytest.raises(ValueError, match="add tau there"):
         simulate(scene, 0.1, controller=spring, tau=[1.0, 0.0], estimate_error=False)
     coarse = compile_scene(cart_pole(), integrator="rk4", timestep=1e-3)
