@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import signal
 import sys
 import time
@@ -24,6 +23,7 @@ from .. import __version__
 from ..base.brief import in_full
 from ..base.files import Format, complete, read_arrays
 from ..base.processes import process_pool
+from ..core.compile.jit import user_cache
 from ..core.integrate import INTEGRATORS
 from ..model import Model
 from ..run.classify import to_trajectory
@@ -272,8 +272,7 @@ def resting(case: Case) -> Truth:
 
 def cache_folder() -> Path:
     """Return the default folder of references."""
-    user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(user) / "featherstone_gait" / "references"
+    return Path(user_cache()) / "references"
 
 
 def digest(case: Case) -> str:

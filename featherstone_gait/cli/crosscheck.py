@@ -51,7 +51,7 @@ def run(args: Namespace) -> int:
     from ..base.arguments import one_of
     from ..crosscheck import FLOORS, crosscheck, summary
     from ..crosscheck.in_mujoco import SOLES, soles_of
-    from ..crosscheck.run import files
+    from ..crosscheck.run import checked_sizes, files
     from ..scene.actuator import servo_gearbox
     from ..walking.feedback import read_walk
     from ..walking.motion import read_motion
@@ -71,6 +71,7 @@ def run(args: Namespace) -> int:
     for what, given, known in (("floors", names, FLOORS), ("soles", soles, SOLES)):
         for name in given:
             one_of(what, name, known)
+    checked_sizes(args.strides, args.timestep, args.processes)
     minutes = ROW * len(names) * len(soles) * (args.strides + 2) / 22 / max(args.processes, 1) / 60.0
     with telling_extras():
         if args.gearbox is None:

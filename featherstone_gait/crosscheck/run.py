@@ -12,7 +12,7 @@ from typing import Any
 
 from .. import __version__
 from ..base import deprecated
-from ..base.arguments import instance, one_of, texts, whole
+from ..base.arguments import instance, one_of, real, texts, whole
 from ..base.brief import in_full
 from ..base.files import FilePath, Format, complete, read_json, write_csv
 from ..base.processes import process_pool
@@ -21,6 +21,7 @@ from ..model import Ground, Model
 from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..walking.feedback import BalancedWalk
+from ..walking.gait import MOST_STRIDES
 from ..walking.motion import Motion
 from ..walking.walker import driven, load_walker
 from .floors import FLOORS, STRIDES, WARM_UP, walk_on
@@ -100,8 +101,7 @@ def crosscheck(
         one_of("floors", name, FLOORS)
     for kind in kinds:
         one_of("soles", kind, SOLES)
-    strides = whole("strides", strides, 1, "give the strides to measure", 10**6)
-    processes = whole("processes", processes, 1, "give the number of processes", 1024)
+    strides, timestep, processes = checked_sizes(strides, timestep, processes)
     parts = (model.links, model.joints, model.base, dict(model.held), dict(model.servos), model.contacts, model.supply)
     digest = hashlib.sha256(in_full(parts).encode()).hexdigest()
     settings = {
@@ -119,6 +119,15 @@ def crosscheck(
             _write(out, settings, rows)
             bar.update()
     return {"settings": settings, "floors": [rows[key] for key in asked]}
+
+
+def checked_sizes(strides: int, timestep: float, processes: int) -> tuple[int, float, int]:
+    """Return numbers of strides and processes and the time step of a crosscheck; raise ValueError if they cannot be."""
+    return (
+        whole("strides", strides, 1, "give the strides to measure", MOST_STRIDES),
+        real("timestep", timestep, 1e-6, 1e-2, "give seconds, 2.5e-4 is usual"),
+        whole("processes", processes, 1, "give the number of processes", 1024),
+    )
 
 
 def _evaluated(tasks: list[tuple], processes: int) -> Iterator[dict]:

@@ -23,7 +23,7 @@ from .plan import Stride
 
 TICK = 0.04  # [s] between the references sent to the servos (Lima et al. 2013, figure 2)
 SHORTEST, LONGEST = 1e-6, 1e6  # times of a gait [s]
-MOST_STRIDES = 10**6
+MOST_STRIDES = 10**5
 DECIMALS = 9  # of fitted poses [rad]: a gait outlives changes of last bits; far below any servo's resolution
 
 

@@ -249,6 +249,15 @@ def test_what_is_mistyped_gets_one_line_and_what_was_meant(command, said, capsys
         ("optimize --iterations 0", "iterations"),
         ("optimize --resume", "no search to resume"),
         ("optimize --servo xl430 --gearbox mipsd", "--gearbox rotor"),
+        ("optimize --iterations 1000000000000", "iterations"),
+        ("optimize --worlds 1000000000000", "worlds"),
+        ("optimize --test-worlds 1000000000000", "test_worlds"),
+        ("crosscheck {robots}/humanoid/optimized_gait.npz --strides 1000000000000", "strides"),
+        ("crosscheck {robots}/humanoid/optimized_gait.npz --processes 1000000000000", "processes"),
+        ("crosscheck {robots}/humanoid/optimized_gait.npz --timestep 1e-12", "timestep"),
+        ("export {robots}/humanoid/optimized_gait.npz --strides 1000000000000", "strides"),
+        ("simulate arm7 --duration 1e12", "duration"),
+        ("simulate arm7 --duration 2e4", "records"),
     ],
 )
 def test_what_is_wrong_is_said_before_how_long_it_takes_and_nothing_is_written(command, said, capsys, tmp_path):

@@ -56,6 +56,15 @@ def run(package, *, program=PROGRAM, **environment):
     return result, int(hits), int(misses), Path(folder)
 
 
+def test_a_relative_folder_of_the_user_is_ignored(monkeypatch, tmp_path):
+    """As the XDG base directory specification asks."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    usual, own = tmp_path / ".cache", tmp_path / "own"
+    for given, folder in (("here", usual), ("", usual), (str(own), own)):
+        monkeypatch.setenv("XDG_CACHE_HOME", given)
+        assert jit.user_cache() == str(folder / "featherstone_gait")
+
+
 @pytest.mark.long
 def test_the_next_process_compiles_nothing_and_an_edited_callee_is_compiled_anew(package, tmp_path):
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}

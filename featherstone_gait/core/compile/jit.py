@@ -95,10 +95,16 @@ def source_hash(module: str = CORE) -> str:
     return digest.hexdigest()[:16]
 
 
+def user_cache() -> str:
+    """Return this package's folder in the user's cache; a relative XDG_CACHE_HOME is ignored, as its spec says."""
+    root = os.environ.get("XDG_CACHE_HOME", "")
+    root = root if os.path.isabs(root) else os.path.join(os.path.expanduser("~"), ".cache")
+    return os.path.join(root, "featherstone_gait")
+
+
 def _cache_folder() -> str:
     """Return the cache folder of these kernels, in NUMBA_CACHE_DIR or the user's cache; "" if none can be written."""
-    user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    roots = [root for root in (numba.config.CACHE_DIR, os.path.join(user, "featherstone_gait")) if root]
+    roots = [root for root in (numba.config.CACHE_DIR, user_cache()) if root]
     key = hashlib.sha256(f"{source_hash()} {numba.__version__}".encode()).hexdigest()[:16]
     kind = ("_boundscheck" if numba.config.BOUNDSCHECK else "") + ("" if _PRIVATE else "_plain")
     for root in roots:
