@@ -1,8 +1,7 @@
-"""Read what a URDF says about the motion in <gazebo>: springs of joints, links without gravity, and what is doubtful.
+"""Read what a URDF says about the motion in <gazebo>: springs of joints, and what is doubtful.
 
 Of `<gazebo reference="JOINT">` the elements springStiffness and springReference are read, as Gazebo's converter to SDF
-does: the last one counts, its value is text or the attribute `value`.  turnGravityOff and gravity are those of a link.
-How Gazebo integrates a spring
+does: the last one counts, its value is text or the attribute `value`.  How Gazebo integrates a spring
 (implicitSpringDamper, cfmDamping) does not change its law.
 """
 
@@ -20,9 +19,8 @@ GRAVITY = {"turnGravityOff": ("1", "true", "yes"), "gravity": ("0", "false", "no
 SPRINGS = ("spring_stiffness", "spring_reference", "spring_constant", *FIELDS)
 
 
-def read_gazebo(root: Element, report: Report) -> tuple[dict[str, dict[str, Any]], set[str]]:
-    """Read the numbers of springs, by joint, and the links without gravity; remove elements that are understood."""
-    links, floating = {link.get("name", "") for link in root.iterfind("link")}, set[str]()
+def read_gazebo(root: Element, report: Report) -> dict[str, dict[str, Any]]:
+    """Read stiffness and reference of the joints' springs, by joint; elements that are understood are removed."""
     joints = {joint.get("name", "") for joint in root.iterfind("joint") if joint.get("type") != "fixed"}
     read: dict[str, dict[str, Any]] = {}
     for gazebo in root.findall("gazebo"):
@@ -37,15 +35,13 @@ def read_gazebo(root: Element, report: Report) -> tuple[dict[str, dict[str, Any]
                     read.setdefault(name, {})["damping"] = _value(child, f"{what} <damping>")
                     found, taken = "<damping>, which Gazebo does not read there", "taken for that of <dynamics>"
                     report.assume(gazebo, what, found, taken, "write it as <dynamics damping=...> of the joint")
-            elif name in links and child.tag in GRAVITY:
-                (floating.add if _said(child) in GRAVITY[child.tag] else floating.discard)(name)
             elif not (name in joints and child.tag in LAWLESS):
                 _doubt(gazebo, child, what, report)
                 continue
             gazebo.remove(child)
-        if (name in joints or name in links) and not len(gazebo):
+        if name in joints and not len(gazebo):
             root.remove(gazebo)
-    return read, floating
+    return read
 
 
 def _value(child: Element, what: str) -> float:
@@ -65,7 +61,8 @@ def _doubt(gazebo: Element, child: Element, what: str, report: Report) -> None:
         remedy = "write <gazebo reference=JOINT> with <springStiffness> and <springReference>, or remove it"
         report.assume(gazebo, what, f"{', '.join(springs)} of no joint that moves", "ignored", remedy)
     elif child.tag in GRAVITY and said in GRAVITY[child.tag]:
-        report.assume(gazebo, what, f"<{child.tag}> of no link", "ignored", "name the link in reference, or remove it")
+        remedy = "state gravity_compensation = 1 of links in the TOML file for that, and remove it"
+        report.assume(gazebo, what, f"<{child.tag}> switches gravity off in Gazebo", "gravity acts", remedy)
     elif child.tag == "dampingFactor" and said not in ("", "0", "0.0"):
         report.assume(gazebo, what, f"<dampingFactor> {said[:40]}", "ignored", "use <dynamics damping=...> of joints")
     elif child.tag in ("joint", "link"):

@@ -161,7 +161,7 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
 
 def _model(path: Path, robot: Robot, settings: Settings, report: Report, package_dirs: tuple[str, ...]) -> Model:
     """Make the model; report what is wrong with it."""
-    own, postures = settings.joints, {**robot.postures, **settings.postures}
+    own, postures = settings.parts, {**robot.postures, **settings.postures}
     moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in robot.held]
     keyframes = {
         name: (*(at.base if robot.base == "floating" else ()), *(at.joints[joint] for joint in moving))
@@ -170,8 +170,8 @@ def _model(path: Path, robot: Robot, settings: Settings, report: Report, package
     with report.blaming():
         model = Model(
             name=robot.name,
-            links=robot.links,
-            joints=tuple(replace(j, **own[j.name]) if j.name in own else j for j in robot.joints),
+            links=tuple(replace(link, **own["links"].get(link.name, {})) for link in robot.links),
+            joints=tuple(replace(joint, **own["joints"].get(joint.name, {})) for joint in robot.joints),
             base=robot.base or "fixed",
             locked=robot.held,
             servos={**robot.servos, **settings.servos},

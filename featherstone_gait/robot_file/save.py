@@ -80,13 +80,7 @@ def _link_lines(link: Link, shapes: Sequence[Shape]) -> list[str]:
         origin, mass = element("origin", {"xyz": link.center_of_mass}), element("mass", {"value": link.mass})
         inertia = element("inertia", dict(zip(INERTIA, link.inertia)))
         inside = element("inertial", {}, [*origin, *mass, *inertia]) + inside
-    if link.gravity_compensation not in (0.0, 1.0):
-        raise ValueError(
-            f"link {link.name!r}: URDF cannot state a gravity_compensation of {link.gravity_compensation:g}; give 0 or "
-            "1, or write MJCF"
-        )
-    floats = element("gazebo", {"reference": link.name}, ["<turnGravityOff>true</turnGravityOff>"])
-    return [*element("link", {"name": link.name}, inside), *(floats if link.gravity_compensation else [])]
+    return element("link", {"name": link.name}, inside)
 
 
 def _shape_lines(shape: Shape) -> list[str]:
@@ -139,6 +133,11 @@ def _toml_text(model: Model) -> str:
     contacts = [f"  {{{', '.join(_assignments(asdict(contact)))}}}," for contact in model.contacts]
     tables: dict[str, Mapping[str, Any]] = {
         "locked.default": {written(name): position for name, position in model.locked.items()},
+        **{
+            f"links.{written(link.name)}": {"gravity_compensation": link.gravity_compensation}
+            for link in model.links
+            if link.gravity_compensation
+        },
         **{f"joints.{written(j.name)}": {"armature": j.armature} for j in model.joints if j.armature},
         **{f"keyframes.{written(name)}": _posture(model, q) for name, q in model.keyframes.items()},
         **({"supply": asdict(model.supply)} if model.supply else {}),

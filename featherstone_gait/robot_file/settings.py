@@ -13,7 +13,10 @@ from .robot import Posture
 from .servos import read_servos
 from .toml import check_keys, number, read_toml, real, record, table_of
 
-JOINT = ("armature", "stiffness", "spring_reference")  # keys of [joints.NAME], fields of Joint
+OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
+    "links": ("gravity_compensation",),
+    "joints": ("armature", "stiffness", "spring_reference"),
+}
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
@@ -24,7 +27,7 @@ class Settings(NamedTuple):
     locked: Mapping[str, dict[str, float]] = {}  # set name -> joint name -> position
     servos: Mapping[str, Servo] = {}
     contacts: tuple[ContactPoint, ...] = ()
-    joints: Mapping[str, dict[str, Any]] = {}  # joint name -> armature [kg m^2 or kg], stiffness and spring_reference
+    parts: Mapping[str, Mapping[str, dict[str, Any]]] = {"links": {}, "joints": {}}  # of OWN, by section and name
     keyframes: Mapping[str, tuple[float, ...]] = {}  # name -> q, of those given as a list
     postures: Mapping[str, Posture] = {}  # name -> posture, of those given by joint
     supply: Supply | None = None
@@ -34,12 +37,12 @@ class Settings(NamedTuple):
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]) -> Settings:
     """Read the TOML file of a robot of these links and joints; raise ValueError for what it does not understand."""
     table = read_toml(path)
-    check_keys(table, ("base", "contacts", "servos", "supply", "locked", "joints", "keyframes"), "top level")
+    check_keys(table, ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes"), "top level")
     if table.get("base", "fixed") not in ("fixed", "floating"):
         raise ValueError(f"base is {table['base']!r}; expected 'fixed' or 'floating': use one of these")
     servos = read_servos(table_of(table, "servos", ""), joints, path.parent)
     locked = {name: _locked_set(table["locked"], name, joints) for name in table_of(table, "locked", "")}
-    own = {name: _joint(table["joints"], name, joints) for name in table_of(table, "joints", "")}
+    own = {"links": _own(table, "links", links), "joints": _own(table, "joints", joints)}
     named = table_of(table, "keyframes", "")
     postures = {name: _posture(named, name, joints) for name, q in named.items() if isinstance(q, dict)}
     keyframes = {name: _numbers(q, f"keyframes.{name}") for name, q in named.items() if name not in postures}
@@ -50,13 +53,17 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
     return Settings(table.get("base"), locked, servos, points, own, keyframes, postures, supply, choice)
 
 
-def _joint(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> dict[str, Any]:
-    """Read [joints.NAME]."""
-    if name not in {joint.name for joint in joints}:
-        raise ValueError(f"joints: there is no joint {name!r}; expected one of the URDF's: correct the name")
-    table = table_of(section, name, "joints.")
-    check_keys(table, JOINT, f"joints.{name}")
-    return {key: number(table, key, f"joints.{name}") for key in table}
+def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Joint, ...]) -> dict[str, dict[str, Any]]:
+    """Read [links.NAME] or [joints.NAME]."""
+    found, names = {}, {part.name for part in parts}
+    for name in table_of(table, section, ""):
+        if name not in names:
+            what = section.removesuffix("s")
+            raise ValueError(f"{section}: there is no {what} {name!r}; expected one of the URDF's: correct the name")
+        own = table_of(table[section], name, f"{section}.")
+        check_keys(own, OWN[section], f"{section}.{name}")
+        found[name] = {key: number(own, key, f"{section}.{name}") for key in own}
+    return found
 
 
 def _posture(keyframes: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> Posture:

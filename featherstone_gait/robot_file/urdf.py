@@ -50,12 +50,11 @@ def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, rep
         raise ValueError(f"root element is <{root.tag}>; expected <robot>, or <mujoco> of MJCF: convert the file")
     if len(root.findall("link")) > MAX_LINKS:
         raise ValueError(f"has {len(root.findall('link'))} links; at most {MAX_LINKS} are read: reduce them")
-    springs, floating_links = read_gazebo(root, report)
+    springs = read_gazebo(root, report)
     tidy(root, label(root), report)
     if "name" not in root.attrib:
         report.assume(root, "<robot>", "attribute 'name' is missing", f"called {path.stem!r}", "add it")
     links = tuple(_link(element, report, repair_inertia) for element in root.iterfind("link"))
-    links = tuple(replace(link, gravity_compensation=1.0) if link.name in floating_links else link for link in links)
     shapes = [shape for element in root.iterfind("link") for shape in read_shapes(element, meshes, report)]
     floating = [element for element in root.iterfind("joint") if element.get("type") == "floating"]
     joints = tuple(_joint(element, springs, report) for element in root.iterfind("joint") if element not in floating)

@@ -187,6 +187,7 @@ def test_a_warning_says_what_is_in_the_notes():
         assert len(robot.notes) >= len(caught)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", robots(but=REFUSED))
 def test_inertias_are_doubted_where_they_are_placeholders(path):
     doubted = any("radius of gyration" in note for note in loads(path).notes)

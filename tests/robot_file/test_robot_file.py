@@ -710,7 +710,8 @@ def test_springs_of_joints_are_those_of_gazebo(tmp_path, gazebo, expected):
         (f"<gazebo>{SPRING}</gazebo>", "springStiffness"),
         ('<gazebo reference="hip"><axis><spring_stiffness>1</spring_stiffness></axis></gazebo>', "spring_stiffness"),
         ('<gazebo reference="hip"><damping>0.7</damping></gazebo>', "damping"),
-        ('<gazebo reference="head"><turnGravityOff>true</turnGravityOff></gazebo>', "turnGravityOff"),
+        ('<gazebo reference="foot"><turnGravityOff>true</turnGravityOff></gazebo>', "turnGravityOff"),
+        ('<gazebo reference="foot"><gravity>0</gravity></gazebo>', "gravity"),
         ('<gazebo reference="foot"><dampingFactor>0.1</dampingFactor></gazebo>', "dampingFactor"),
         ('<gazebo><joint name="loop" type="revolute"/></gazebo>', "joint"),
     ],
@@ -724,31 +725,18 @@ def test_what_gazebo_would_add_to_the_motion_is_warned_of_or_refused(tmp_path, g
         load_robot(path, strict=True)
 
 
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(
-    ("said", "borne"),
-    [
-        ("<turnGravityOff>true</turnGravityOff>", 1.0),
-        ('<turnGravityOff value="1"/>', 1.0),
-        ("<gravity>0</gravity>", 1.0),
-        ("<turnGravityOff>false</turnGravityOff><gravity>true</gravity>", 0.0),
-    ],
-)
-def test_gazebo_switches_off_the_gravity_of_a_link(tmp_path, said, borne):
-    path = write(tmp_path, swap(URDF, "</robot>", f'<gazebo reference="foot">{said}</gazebo></robot>'))
-    robot = load_robot(path, strict=True)
-    assert [link.gravity_compensation for link in robot.links] == [0.0, 0.0, borne]
-    save_robot(robot, tmp_path / "saved.urdf")
-    assert load_robot(tmp_path / "saved.urdf").links == robot.links
-    with pytest.raises(ValueError, match="gravity_compensation"):
-        save_robot(replace(robot, links=[replace(link, gravity_compensation=0.5) for link in robot.links]), path)
-
-
 @pytest.mark.parametrize("stiffness", ["-1", "stiff", "", "nan"])
 def test_a_spring_that_is_none_is_refused(tmp_path, stiffness):
     gazebo = f'<gazebo reference="hip"><springStiffness>{stiffness}</springStiffness></gazebo>'
     with pytest.raises(RobotFileError, match="hip"):
         load_robot(write(tmp_path, swap(URDF, "</robot>", f"{gazebo}</robot>")))
+
+
+def test_the_toml_bears_the_weight_of_links(tmp_path):
+    robot = load_robot(write(tmp_path, toml="[links.foot]\ngravity_compensation = 0.5"))
+    assert [link.gravity_compensation for link in robot.links] == [0.0, 0.0, 0.5]
+    with pytest.raises(RobotFileError, match="there is no link 'head'"):
+        load_robot(write(tmp_path, toml="[links.head]\ngravity_compensation = 0.5"))
 
 
 def test_a_spring_of_the_toml_comes_before_that_of_gazebo(tmp_path):
@@ -1293,7 +1281,8 @@ def random_robot(seed):
     for k in range(12):
         A = rng.normal(size=(3, 8))
         I = np.trace(A @ A.T) * np.eye(3) - A @ A.T  # of eight point masses: realizable
-        links.append(Link(f'b & "{k}"', rng.uniform(0.1, 2), tuple(rng.normal(size=3)), tuple(I[np.triu_indices(3)])))
+        body = rng.uniform(0.1, 2), tuple(rng.normal(size=3)), tuple(I[np.triu_indices(3)])
+        links.append(Link(f'b & "{k}"', *body, gravity_compensation=rng.normal() if k % 3 == 0 else 0.0))
         kind = ("revolute", "continuous", "prismatic", "fixed")[k % 4]
         axis = rng.normal(size=3)
         numbers = {
