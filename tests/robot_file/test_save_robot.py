@@ -2,6 +2,7 @@
 
 import math
 import struct
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import mujoco
@@ -69,6 +70,21 @@ def difference(model, back):
 
 
 # ------------------------------------------------------------------------------------------------ inertias
+
+
+@pytest.mark.parametrize("welded", [BODY, IMPOSSIBLE])
+def test_borne_weights_keep_the_dynamics(welded, tmp_path):
+    """Links whose inertia is written together need one share."""
+    links = [link("a"), link("b"), link("c", welded, 0.3)]
+    links = [replace(each, gravity_compensation=0.4) for each in links]
+    joints = (joint("j", "a", "b"), joint("weld", "b", "c", "fixed"))
+    assert difference(Model("m", links, joints), again(Model("m", links, joints), tmp_path)) < 1e-12
+    model = Model("m", [*links[:2], replace(links[2], gravity_compensation=1.0)], joints)
+    if welded is IMPOSSIBLE:
+        with pytest.raises(ValueError, match="gravity_compensation"):
+            again(model, tmp_path)
+    else:
+        assert difference(model, again(model, tmp_path)) < 1e-12
 
 
 @pytest.mark.parametrize("base", ["fixed", "floating"])

@@ -216,7 +216,7 @@ def _inertials(model: Model) -> tuple[Inertials, list[str]]:
             found = _together(body, placements[body.links[0]])
             if found is None and (row or model.base == "floating"):
                 raise ValueError(_refusal(body, heavy))
-            if len({links[name].gravity_compensation for name in body.links}) > 1:
+            if found is not None and len({links[name].gravity_compensation for name in body.links}) > 1:
                 raise ValueError(
                     f"link {body.links[0]!r}: MJCF states one inertia for all that moves as one with it, whose links "
                     "have different gravity_compensation: give them one value"
