@@ -203,7 +203,8 @@ class Servo:
     coulomb_friction : float
         F_c at the output [N m].
     stick_speed : float
-        Speed up to which dry friction grows from zero [rad/s]; 0: dry friction holds a joint at rest.
+        Speed up to which dry friction grows from zero [rad/s], so that a loaded joint creeps, at most at that speed; 0:
+        dry friction holds a joint at rest.
     encoder_resolution : float
         Step of the measured angle [rad]; 0 is exact.
     speed_filter : float

@@ -142,7 +142,7 @@ def _settings(path: Path, robot: Robot, report: Report) -> Settings:
         return Settings()
     try:
         with blamed_on(toml):
-            return read_settings(toml, robot.links, robot.joints)
+            return read_settings(toml, robot.links, robot.joints, report)
     except RobotFileError:
         if not report.problems:
             raise

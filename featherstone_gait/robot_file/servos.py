@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import math
 import os
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from ..base.arguments import instance
 from ..base.files import FilePath
 from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Model, Servo
 from ..model.tree_checks import check_servos
-from .report import RobotFileError, blamed_on
+from .report import Report, RobotFileError, RobotFileWarning, blamed_on
 from .source import robots_folder
 from .toml import check_keys, read_toml, real, string, table_of, truth
 
@@ -82,12 +83,20 @@ def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: 
     ------
     RobotFileError
         A ValueError, for an unknown servo, preset or field and for a value out of range.
+
+    Warns
+    -----
+    RobotFileWarning
+        If dry friction is given without `stick_speed`, and the file has one, up to which a loaded joint creeps.
     """
     instance("name", name, (str, os.PathLike), "give the name of a servo, or the path of a .toml file")
     instance("gearbox", gearbox, str, "give the name of a preset")
     with blamed_on(f"load_servo({os.fspath(name)!r})"):
-        own = _servo_settings(overrides, "overrides")
-        return _servo({**_servo_values(_servo_file(name), gearbox), **own}, os.fspath(name))
+        own, of_file = _servo_settings(overrides, "overrides"), _servo_values(_servo_file(name), gearbox)
+        servo = _servo({**of_file, **own}, os.fspath(name))
+    for found, taken, remedy in _soft_friction(of_file, own):
+        warnings.warn(f"load_servo({os.fspath(name)!r}): {found}: {taken}; {remedy}", RobotFileWarning, stacklevel=2)
+    return servo
 
 
 def gearbox_presets(name: str | os.PathLike) -> dict[str, Gearbox]:
@@ -131,7 +140,7 @@ def servo_sheet(name: str | os.PathLike) -> ServoSheet:
             return _sheet(read_toml(path))
 
 
-def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path) -> dict[str, Servo]:
+def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path, report: Report) -> dict[str, Servo]:
     """Read the servos by joint: [servos] for all joints that turn, overridden by [servos.joints.NAME]."""
     own = table_of(section, "joints", "servos.")
     check_servos(joints, own)
@@ -150,22 +159,37 @@ def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path
         turns = "default" in section and joint.type in ("revolute", "continuous")
         if turns or joint.name in own:
             table = {**shared, **table_of(own, joint.name, "servos.joints.")}
-            servos[joint.name] = _joint_servo(table, read, f"servo of joint {joint.name!r}")
+            servos[joint.name] = _joint_servo(table, read, f"servo of joint {joint.name!r}", report)
     return servos
 
 
-def _joint_servo(table: dict[str, Any], read: Callable[[str, str], dict[str, Any]], what: str) -> Servo:
+def _joint_servo(table: dict[str, Any], read: Callable[[str, str], dict[str, Any]], what: str, report: Report) -> Servo:
     """Read the servo of a joint: the fields of its type and preset, and their overrides."""
     values = _servo_settings(table, what, also=("type", "gearbox"))
     gearbox = string({"gearbox": "physical", **table}, "gearbox", what)
     if "type" in table:
         try:
-            values = {**read(string(table, "type", what), gearbox), **values}
+            of_file = read(string(table, "type", what), gearbox)
         except RobotFileError as error:  # which names the servo's file alone
             raise ValueError(f"{what}: {error}") from error
+        for found, taken, remedy in _soft_friction(of_file, values):
+            report.assume_at(what, found, taken, remedy)
+        values = {**of_file, **values}
     elif "gearbox" in table:
         raise ValueError(f"{what}: gearbox {gearbox!r} is a preset of a servo type, and none is given: add type")
     return _servo(values, what)
+
+
+def _soft_friction(of_file: dict[str, Any], own: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Yield what is found, taken and to do if the `stick_speed` of a file weakens one's own dry friction."""
+    dry = [name for name, x in own.items() if name.endswith("friction") and name != "viscous_friction" and x > 0.0]
+    width = of_file.get("stick_speed", 0.0)
+    if dry and width > 0.0 and "stick_speed" not in own:
+        yield (
+            f"{dry[0]} is given, but not stick_speed",
+            f"that of the servo's file, {width:g} rad/s, applies, and up to that speed a loaded joint creeps",
+            "give stick_speed too, 0 if dry friction is to hold a joint",
+        )
 
 
 def _servo_file(name: str | os.PathLike) -> Path:

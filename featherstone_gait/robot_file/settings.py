@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from ..model import Base, ContactPoint, Joint, Link, Servo, Supply
 from ..model.tree_checks import check_links, check_locked
+from .report import Report
 from .robot import Posture
 from .servos import read_servos
 from .toml import check_keys, number, read_toml, real, record, table_of
@@ -34,13 +35,13 @@ class Settings(NamedTuple):
     choice: str | tuple[str, ...] | None = None  # of collision shapes in place of contact points
 
 
-def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]) -> Settings:
+def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report) -> Settings:
     """Read the TOML file of a robot of these links and joints; raise ValueError for what it does not understand."""
     table = read_toml(path)
     check_keys(table, ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes"), "top level")
     if table.get("base", "fixed") not in ("fixed", "floating"):
         raise ValueError(f"base is {table['base']!r}; expected 'fixed' or 'floating': use one of these")
-    servos = read_servos(table_of(table, "servos", ""), joints, path.parent)
+    servos = read_servos(table_of(table, "servos", ""), joints, path.parent, report)
     locked = {name: _locked_set(table["locked"], name, joints) for name in table_of(table, "locked", "")}
     own = {"links": _own(table, "links", links), "joints": _own(table, "joints", joints)}
     named = table_of(table, "keyframes", "")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from servo_wheel import driven
 
-from featherstone_gait import RobotFileError, cli, load_servo
+from featherstone_gait import RobotFileError, RobotFileWarning, cli, load_robot, load_servo
 from featherstone_gait.identification.curve import torque_speed
 from featherstone_gait.robot_file.servos import servo_names, servo_sheet
 
@@ -81,6 +81,41 @@ def test_the_corrected_ax12_holds_by_dry_friction_with_a_gear_that_gives():
     loads = np.repeat([0.999, 1.001, -0.999, -1.001], 2) * servo.coulomb_friction
     for load, run in zip(loads, driven(servo, 1e-9, loads, kind="mipsd")):
         assert (abs(run["q"][-1, 0] - run["q"][-2, 0]) > 1e-9) == (abs(load) > servo.coulomb_friction)
+
+
+ROD = """<robot name="rod"><link name="base"/><link name="rod"><inertial><mass value="1"/><origin xyz="0 0 -1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="hinge" type="continuous">
+<parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("friction", ["coulomb_friction", "stribeck_friction"])
+def test_dry_friction_that_a_file_lets_creep_is_warned_about_where_it_is_set(friction, tmp_path):
+    with pytest.warns(RobotFileWarning, match="stick_speed"):
+        servo = load_servo("ax12", **{friction: 0.3})
+    assert servo.stick_speed == load_servo("ax12").stick_speed == 1e-3
+    assert load_servo("ax12", **{friction: 0.3}, stick_speed=0.0).stick_speed == 0.0  # a warning is an error here
+    assert load_servo("ax12a", **{friction: 0.3}).stick_speed == 0.0
+    assert load_servo("ax12", **{friction: 0.0}).stick_speed == 1e-3
+    (tmp_path / "rod.urdf").write_text(ROD)
+    (tmp_path / "rod.toml").write_text(f'[servos]\ndefault = "ax12"\n{friction} = 0.3\n')
+    with pytest.warns(RobotFileWarning, match="stick_speed"):
+        model = load_robot(tmp_path / "rod.urdf")
+    assert any("stick_speed" in note for note in model.notes)
+    with pytest.raises(RobotFileError, match=r"hinge.*stick_speed"):
+        load_robot(tmp_path / "rod.urdf", strict=True)
+    with (tmp_path / "rod.toml").open("a") as file:
+        file.write("stick_speed = 0.0\n")
+    assert load_robot(tmp_path / "rod.urdf", strict=True).servos["hinge"].stick_speed == 0.0
+
+
+@pytest.mark.long
+def test_a_joint_creeps_at_the_stick_speed_by_the_share_of_the_load():
+    """F_c clamp(v / v_s) = T: under half of F_c at half of the stick speed, 0.3 rad in ten minutes."""
+    servo = load_servo("ax12", coulomb_friction=0.3, stick_speed=1e-3, viscous_friction=0.0, rotor_damping=0.0)
+    assert servo.stick_speed == 1e-3
+    (run,) = driven(servo, 1e-9, [0.15], kind="rotor")
+    speed = (run["q"][-1, 0] - run["q"][-2, 0]) / (run["time"][-1] - run["time"][-2])
+    assert speed == pytest.approx(0.5e-3, rel=0.2)
 
 
 def servo_file(folder, text):
