@@ -6,7 +6,7 @@ Takes a minute or two on two cores; Ctrl-C keeps finished floors.
 
   featherstone-gait crosscheck humanoid_gait.npz
   featherstone-gait crosscheck humanoid_gait.npz --floors 2ms_0.9 --strides 5
-  featherstone-gait crosscheck trot.csv --robot anymal.urdf
+  featherstone-gait crosscheck my_gait.csv --robot my_biped.urdf --servo generic
 """
 
 from __future__ import annotations

@@ -115,9 +115,8 @@ def test_a_robot_of_ones_own_stands_on_its_feet_with_the_gears_that_it_has(comma
         assert "stands on the ground, servos hold all joints as near to zero as their limits allow" in said
 
 
-@pytest.fixture
-def dog(tmp_path):
-    """A quadruped whose file says nothing of base, contacts and servos."""
+def quadruped():
+    """The URDF of a quadruped, which says nothing of base, contacts and servos."""
     link = '<link name="{}"><inertial><mass value="{}"/><inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" '
     link += 'izz="{i}"/></inertial><collision><origin xyz="0 0 {}"/><geometry><box size="{}"/></geometry>'
     link += "</collision></link>"
@@ -126,13 +125,14 @@ def dog(tmp_path):
     parts = [link.format("trunk", 1.5, 0, "0.3 0.15 0.06", i=0.01)]
     for leg, x, y in (("lf", 0.14, 0.08), ("rf", 0.14, -0.08), ("lh", -0.14, 0.08), ("rh", -0.14, -0.08)):
         parts += [link.format(leg, 0.1, -0.1, "0.02 0.02 0.2", i=1e-3), joint.format(leg, leg, x, y)]
-    (tmp_path / "dog.urdf").write_text(f'<robot name="dog">{"".join(parts)}</robot>', "utf-8")
-    return tmp_path / "dog.urdf"
+    return f'<robot name="dog">{"".join(parts)}</robot>'
 
 
 @pytest.mark.quick("info", "view")
 @pytest.mark.parametrize("command", ["info", "view", "simulate"])
-def test_a_plain_quadruped_stands_from_the_shell(command, dog, capsys):
+def test_a_plain_quadruped_stands_from_the_shell(command, tmp_path, capsys):
+    dog = tmp_path / "dog.urdf"
+    dog.write_text(quadruped(), "utf-8")
     setup = "--base floating --contacts feet --servo xm430"
     assert cli.main([command, str(dog), *setup.split(), "--out", str(dog.parent)]) == 0
     said = " ".join(capsys.readouterr().out.split())
