@@ -40,7 +40,7 @@ MASSLESS_ROOT = (  # which one joint holds
     "panda_v2_gripper.urdf",
     "pendulum5.urdf",
 )
-PLACEHOLDERS = (  # 1 kg m^2 for parts of 50 to 250 g
+PLACEHOLDERS = (  # 1 kg m^2 for parts of 50 to 250 g, and gears of 64 g with 0.044 kg m^2
     "minitaur.urdf",
     "minitaur_fixed_all.urdf",
     "minitaur_fixed_knees.urdf",
@@ -49,6 +49,7 @@ PLACEHOLDERS = (  # 1 kg m^2 for parts of 50 to 250 g
     "pr2_gripper.urdf",
     "quadruped.urdf",
     "r2d2.urdf",
+    "racecar_differential.urdf",
 )
 NOT_READ_BY_PINOCCHIO = (
     "bike.urdf",  # numbers separated by commas

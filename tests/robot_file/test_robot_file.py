@@ -941,6 +941,15 @@ def test_an_inertia_far_beyond_the_robots_size_is_doubted(tmp_path):
         load_robot(path, strict=True)
 
 
+@pytest.mark.parametrize(("radius", "doubted"), [(1.5, True), (1.1, False)])
+def test_an_inertia_far_beyond_its_shape_is_doubted(tmp_path, radius, doubted):
+    """A foot of 12 cm on a robot of 1.35 m: ten times its size and the robot's size are what a radius may be."""
+    box = '<link name="foot"><collision><geometry><box size="0.24 0.02 0.02"/></geometry></collision>'
+    inertia = [x.replace("1e3", repr(0.25 * radius**2)) for x in MILLIMETERS]
+    robot = load_robot(write(tmp_path, swap(URDF, '<link name="foot">', box, *inertia)))
+    assert any("'foot'" in note for note in robot.notes) == doubted
+
+
 @pytest.mark.filterwarnings("error")
 def test_an_inertia_that_never_acts_is_not_doubted(tmp_path):
     """That of the root of a fixed robot; and 1 kg m^2 of a kilogram is no mistake where a file has no shapes."""
