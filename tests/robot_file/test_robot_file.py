@@ -941,6 +941,7 @@ def test_an_inertia_far_beyond_the_robots_size_is_doubted(tmp_path):
         load_robot(path, strict=True)
 
 
+@pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning")
 @pytest.mark.parametrize(("radius", "doubted"), [(1.5, True), (1.1, False)])
 def test_an_inertia_far_beyond_its_shape_is_doubted(tmp_path, radius, doubted):
     """A foot of 12 cm on a robot of 1.35 m: ten times its size and the robot's size are what a radius may be."""
