@@ -101,3 +101,14 @@ def test_examples_are_found():
     """Of each command one or more, and those of the command alone."""
     names = {each.__name__.rpartition(".")[2].replace("_", "-") for each in cli.COMMANDS}
     assert {line.split()[0] for line in examples()} == names
+
+
+def test_commands_on_the_pages_are_understood():
+    root = Path(__file__).parents[2]
+    pages = [root / "README.md", *(root / "docs").glob("*.md"), *(root / "docs" / "tutorials").glob("*.md")]
+    shell = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
+    blocks = [block for page in pages for block in shell.findall(page.read_text("utf-8"))]
+    lines = [line for block in blocks for line in re.findall(r"featherstone-gait (\w.*)", block)]
+    assert len(lines) > 20
+    for line in lines:
+        assert callable(cli._parser().parse_args(re.split(r"\s+#", line)[0].split()).run)
