@@ -102,7 +102,7 @@ def with_tolerance(
                 "without rtol and atol"
             )
         taken, so = ("extrapolation", "something is") if scene.stiff else ("dop853", "nothing is")
-        why = f"rtol asks for error control, and {so} stiff, sampled or on the ground"
+        why = f"rtol asks for error control, and {so} stiff, limited between ticks, or on the ground"
         if rtol is None:
             why = f"controllers jump by what {scene.largest_jump:.2g} rad ask for, which asks for rtol {wanted:g}"
         why = f"{taken} in place of {scene.integrator} ({scene.preflight.reason}): {why}"

@@ -25,6 +25,8 @@ from .tree import joint_armature
 
 Actuator: TypeAlias = PDServo | MipsdServo | RigidServo
 LAWS = {"state": STATE_FEEDBACK, "pid_position": PID_POSITION, "pid_speed": PID_SPEED}
+BEYOND = 10.0  # stall currents, which back-EMF and what is left of a current do not add up to
+SOON = 1e-6  # [s] in which a current without inductance may rise
 TOOTH_LOAD = 0.1  # of the stall torque, at which teeth that meet across a gap are damped as the gearbox is
 
 
@@ -41,6 +43,11 @@ class Drive(NamedTuple):
         """Return whether the controllers are sampled."""
         return self.actuator is not None and "servo" in self.actuator.PARTS
 
+    @property
+    def switches(self) -> bool:
+        """Return whether forces of sampled servos may be discontinuous between ticks: currents limited, teeth apart."""
+        return self.sampled and any(_switches(servo) for servo in self.servos if servo)
+
 
 def usual_gearbox(model: Model) -> GearboxKind | None:
     """Return the gearbox model that the servos have numbers for: "mipsd" needs elastic gears; None without servos."""
@@ -49,6 +56,12 @@ def usual_gearbox(model: Model) -> GearboxKind | None:
         return None
     elastic = all(is_elastic(servo) and servo.controller.law not in TORQUE_LAWS for servo in servos)
     return "mipsd" if elastic else "rotor"
+
+
+def _switches(servo: Servo) -> bool:
+    stall = servo.voltage_limit / servo.resistance
+    rise = servo.current_slew * max(servo.inductance / servo.resistance, SOON)
+    return servo.gearbox.backlash > 0 or min(servo.current_limit, rise) < BEYOND * stall
 
 
 def servo_gearbox(model: Model, gearbox: GearboxKind | None) -> GearboxKind:

@@ -64,7 +64,8 @@ class CompiledScene:
     upright : tuple of float
         Direction (3,) that points up in the frame of a root that is not tilted.
     stiff : bool
-        Whether something limits explicit steps to less than `STIFF`.
+        Whether something limits explicit steps to less than `STIFF`, or servos, dry friction or ground act
+        discontinuously.
     """
 
     model: Model
@@ -79,7 +80,7 @@ class CompiledScene:
     fall_height: float  # of the center of mass over the ground [m]
     fall_upright: float  # cosine
     upright: tuple[float, float, float]  # what points up in the frame of a root that is not tilted
-    stiff: bool  # something that an implicit step takes in limits explicit steps to less than `STIFF`
+    stiff: bool  # explicit steps are limited to less than `STIFF`, or forces are discontinuous
     compiled: Scene  # the constants as compiled, to tell which were put in by hand
 
     def __repr__(self) -> str:
@@ -327,7 +328,7 @@ def compile_scene(
         fall_height=lowest,
         fall_upright=upright_cosine,
         upright=upright,
-        stiff=drive.sampled or ground is not None or check.folded_step < STIFF or sticks(friction),
+        stiff=drive.switches or ground is not None or check.folded_step < STIFF or sticks(friction),
         compiled=constants,
     )
 

@@ -121,6 +121,48 @@ def test_stiff_spring_and_damper_to_1e_10():
     assert np.abs(run["q"][:, 0] - exact).max() < 1e-11
 
 
+def hunting_servo(integrator=None):
+    """A rod without gravity on a servo that no limit of the current disturbs, sampled so rarely that it hunts."""
+    free = {"inductance": 0.0, "current_limit": math.inf, "current_slew": math.inf, "coulomb_friction": 0.0}
+    model = replace(pendulum(), servos={"hinge": load_servo("ax12", Kp=300.0, period=0.02, **free)})
+    return compile_scene(model, "rotor", None, integrator, gravity=(0, 0, 0))
+
+
+def angles_at_ticks(model, goal, ticks):
+    """The angle at each tick, from the exponential by which speeds approach that of a constant voltage."""
+    servo, (_, rod), hinge = model.servos["hinge"], model.links, model.joints[0]
+    K, R, period = servo.gearbox.ratio * servo.motor_constant, servo.resistance, servo.controller.period
+    rotor = servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+    inertia = rod.inertia[0] + rod.mass * rod.center_of_mass[2] ** 2 + rotor
+    damping = K * K / R + servo.viscous_friction + hinge.damping
+    lost, angles, q, v = -math.expm1(-period * damping / inertia), [0.0], 0.0, 0.0
+    for _ in range(ticks):
+        voltage = max(-servo.voltage_limit, min(servo.controller.Kp * (goal - q), servo.voltage_limit))
+        full = K * voltage / R / damping
+        q += full * period + (v - full) * lost * inertia / damping
+        v = full + (v - full) * (1.0 - lost)
+        angles.append(q)
+    return np.array(angles)
+
+
+def test_servos_without_limits_are_smooth_between_ticks():
+    assert not hunting_servo().stiff
+    assert compile_scene(load_robot("ax12_arm"), "rotor").stiff
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("integrator", "linear"), [(None, False), ("extrapolation", False), ("extrapolation", True)])
+def test_a_servo_that_hunts_for_six_seconds_to_1e_11(integrator, linear):
+    """Each tick hands on what the one before has rounded; linear: by implicit Euler steps."""
+    scene = hunting_servo(integrator)
+    if linear:
+        scene = replace(scene, stiff=True)
+    run = simulate(scene, 6.0, reference=Reference([0.0], [[0.7]]), rtol=1e-9, record_interval=0.02)
+    exact = angles_at_ticks(scene.model, 0.7, 300)
+    assert np.ptp(exact[-50:]) > 0.05
+    assert np.abs(run["q"][:, 0] - exact).max() < 1e-11
+
+
 # --- orders ------------------------------------------------------------------------------------------------------
 
 
