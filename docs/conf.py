@@ -18,6 +18,7 @@ HERE = Path(__file__).parent
 ROOT, NOTEBOOKS = HERE.parent, HERE / "notebooks"
 sys.path[:0] = [str(ROOT), str(HERE)]
 
+import keys  # noqa: E402
 import tables  # noqa: E402
 
 import featherstone_gait  # noqa: E402
@@ -101,7 +102,7 @@ def _resolve(app, page, source):
         text = text.replace("@others", "\n".join(others))
     if page == "commands":
         text = text.replace("```{help}\n```", _helps())
-    source[0] = tables.resolved(text)
+    source[0] = keys.resolved(tables.resolved(text))
 
 
 NUMBER = re.compile(r"(?<=\d) (?=(?:[kmµn]?[gmsJNVAW]|rad|mm|ms|mrad|min|%|J/m|N m|mm/s|rad/s)(?![\w/]))")

@@ -65,6 +65,12 @@ def quantity_flaws(what: str, record: Any) -> Iterator[str]:
         yield from number_flaws(what, name, getattr(record, name), **metadata)
 
 
+def field_flaws(what: str, name: str, value: Any, declared: Any) -> Iterator[str]:
+    """Check a value, called by a name, against a field of a dataclass."""
+    if declared.metadata:
+        yield from number_flaws(what, name, value, **declared.metadata)
+
+
 @functools.cache
 def _declared(kind: type) -> list[tuple[str, Mapping[str, str]]]:
     return [(f.name, f.metadata) for f in fields(kind) if f.metadata]

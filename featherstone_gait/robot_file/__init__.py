@@ -33,8 +33,8 @@ All numbers are SI; the angles `encoder_resolution`, `backlash`, `compliance_mar
 
 A URDF that has one meaning is read: `Model.notes` lists what was ignored or assumed, a RobotFileWarning says so,
 and ``load_robot(..., strict=True)`` refuses it.  What has no meaning is refused, all of it at once.  The TOML is read
-strictly; only dry friction without a `stick_speed`, of a servo whose file has one, is warned about.  Of other files
-only meshes are opened, where contact points or clearances of such shapes are asked for.
+strictly (`docs/toml_keys.md` lists its keys); only dry friction without a `stick_speed`, of a servo whose file has one,
+is warned about.  Of other files only meshes are opened, where contact points or clearances of such shapes are needed.
 """
 
 from .load import load_robot

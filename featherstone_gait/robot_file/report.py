@@ -47,6 +47,8 @@ def blamed_on(file: str | Path) -> Iterator[None]:
         yield
     except RobotFileError:
         raise
+    except FlawError as error:
+        raise refusal(file, [flaw.text for flaw in error.flaws]) from error
     except ValueError as error:
         raise refusal(file, [str(error)]) from error
 

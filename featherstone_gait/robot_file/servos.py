@@ -13,11 +13,13 @@ from typing import Any
 
 from ..base.arguments import instance
 from ..base.files import FilePath
+from ..base.flaws import quoted
 from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Model, Servo
+from ..model.checks import check, field_flaws, refuse
 from ..model.tree_checks import check_servos
 from .report import Report, RobotFileError, RobotFileWarning, blamed_on
 from .source import robots_folder
-from .toml import check_keys, read_toml, real, string, table_of, truth
+from .toml import Problems, at, check_keys, read_toml, real, string, table_of, truth
 
 # The keys of a servo's table are the fields of these; a new field needs no line here.
 PARTS = {
@@ -27,6 +29,7 @@ _FIELDS = {f.name: f for part in PARTS.values() for f in part}
 MOTOR = ("resistance", "inductance", "motor_constant", "voltage_limit")  # what a servo of the other laws must state
 LONGEST_NAME = 60  # characters of a file's name: systems take 255 bytes
 _ANGLES = tuple(name for name, unit in SERVO_UNITS.items() if unit == "rad")
+SERVO_KEYS = (*_FIELDS, *(f"{name}_deg" for name in _ANGLES))
 _TABLES = ("gearboxes", "about", "manual")  # of a servo's file, beside its numbers
 
 
@@ -142,42 +145,77 @@ def servo_sheet(name: str | os.PathLike) -> ServoSheet:
 
 def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path, report: Report) -> dict[str, Servo]:
     """Read the servos by joint: [servos] for all joints that turn, overridden by [servos.joints.NAME]."""
-    own = table_of(section, "joints", "servos.")
-    check_servos(joints, own)
-    _servo_settings(section, "servos", also=("default", "gearbox", "joints"))
-    shared = {key: value for key, value in section.items() if key not in ("default", "joints")}
-    if shared and not own and "default" not in section:
-        raise ValueError(
-            f"servos: {', '.join(shared)} would act on no joint: name the servo of all joints that turn, for instance "
-            'default = "ax12", or give joints their own in [servos.joints.NAME]'
-        )
-    if "default" in section:
-        shared["type"] = string(section, "default", "servos")
+    problems, own, shared, servos = Problems(), dict[str, Any](), dict[str, Any](), dict[str, Servo]()
+    with problems.at(section, "joints"):
+        own = table_of(section, "joints", "servos.")
+    for name in own:
+        with problems.at(own, name):
+            check_servos(joints, [name])
+        with problems.at(own, name):
+            table_of(own, name, "servos.joints.")
+    with problems.at(section):
+        shared = _servo_settings(section, "servos", also=("default", "gearbox", "joints"))
+    if "default" not in section and not own and (shared or "gearbox" in section):
+        stated = ", ".join(key for key in section if key != "joints")
+        with problems.at(section):
+            raise ValueError(
+                f"servos: {stated} would act on no joint: name the servo of all joints that turn, for instance "
+                'default = "ax12", or give joints their own in [servos.joints.NAME]'
+            )
+    if problems.found:  # which would come again with each joint
+        for name in own:
+            with problems.at(own, name):
+                own_table = table_of(own, name, "servos.joints.")
+                _servo_settings(own_table, f"servo of joint {name!r}", also=("type", "gearbox"))
+    problems.raise_all()
     read = functools.cache(lambda name, gearbox: _servo_values(_servo_path(name, folder), gearbox))
-    servos = {}
+    turning = [joint.name for joint in joints if joint.type in ("revolute", "continuous")] * ("default" in section)
+    shared_by = [name for name in turning if name not in own]
+    common = None  # the servo of these
     for joint in joints:
-        turns = "default" in section and joint.type in ("revolute", "continuous")
-        if turns or joint.name in own:
-            table = {**shared, **table_of(own, joint.name, "servos.joints.")}
-            servos[joint.name] = _joint_servo(table, read, f"servo of joint {joint.name!r}", report)
+        if joint.name in own:
+            with problems.at(own, joint.name):
+                what = f"servo of joint {joint.name!r}"
+                servos[joint.name] = _joint_servo(own[joint.name], section, shared, read, what, report)
+        elif joint.name in shared_by:
+            with problems.at(section):
+                what = f"servo of joints {quoted(shared_by)}"
+                common = common or _joint_servo({}, section, shared, read, what, report)
+                servos[joint.name] = common
+    problems.raise_all()
     return servos
 
 
-def _joint_servo(table: dict[str, Any], read: Callable[[str, str], dict[str, Any]], what: str, report: Report) -> Servo:
-    """Read the servo of a joint: the fields of its type and preset, and their overrides."""
-    values = _servo_settings(table, what, also=("type", "gearbox"))
-    gearbox = string({"gearbox": "physical", **table}, "gearbox", what)
-    if "type" in table:
-        try:
-            of_file = read(string(table, "type", what), gearbox)
-        except RobotFileError as error:  # which names the servo's file alone
+def _joint_servo(
+    table: dict[str, Any],
+    section: dict[str, Any],
+    shared: dict[str, Any],
+    read: Callable[[str, str], dict[str, Any]],
+    what: str,
+    report: Report,
+) -> Servo:
+    """Read the servo of a joint: the fields of its type and preset, those shared by all, and its own."""
+    values, preset = _servo_settings(table, what, also=("type", "gearbox")), "gearbox"
+    kind, stated = ("type", table) if "type" in table else ("default", section)
+    where = table if preset in table else section
+    gearbox = string(where, preset, what) if preset in where else "physical"
+    if kind not in stated:
+        if preset in where:
+            with at(where, preset):
+                raise ValueError(
+                    f"{what}: gearbox {gearbox!r} is a preset of a servo type, and none is given: add type"
+                )
+        return _servo({**shared, **values}, what)
+    name = string(stated, kind, what)
+    try:
+        with at(stated, kind):
+            found = read(name, gearbox)
+    except RobotFileError as error:  # which names the servo's file alone
+        with at(stated, kind):
             raise ValueError(f"{what}: {error}") from error
-        for found, taken, remedy in _soft_friction(of_file, values):
-            report.assume_at(what, found, taken, remedy)
-        values = {**of_file, **values}
-    elif "gearbox" in table:
-        raise ValueError(f"{what}: gearbox {gearbox!r} is a preset of a servo type, and none is given: add type")
-    return _servo(values, what)
+    for given, taken, remedy in _soft_friction(found, {**shared, **values}):
+        report.assume_at(what, given, taken, remedy)
+    return _servo({**found, **shared, **values}, what)
 
 
 def _soft_friction(of_file: dict[str, Any], own: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
@@ -217,34 +255,48 @@ def _servo_values(path: Path, gearbox: str) -> dict[str, Any]:
             expected = f"; expected one of {', '.join(presets)}: use one of these"
             none = ": the file has no [gearboxes]; leave the name out, or add it"
             raise ValueError(f"there is no gearbox {gearbox!r}{expected if presets else none}")
-        preset = _servo_settings(table_of(presets, gearbox, "gearboxes."), f"gearboxes.{gearbox}")
-        _sheet(table)
-        table = {key: value for key, value in table.items() if key not in _TABLES}
-        return {**_servo_settings(table, "servo"), **preset}
+        problems, preset, values = Problems(), dict[str, Any](), dict[str, Any]()
+        with problems.at(presets, gearbox):
+            preset = _servo_settings(table_of(presets, gearbox, "gearboxes."), f"gearboxes.{gearbox}")
+        with problems.at(table):
+            _sheet(table)
+        with problems.at(table):
+            values = _servo_settings(table, "servo", also=_TABLES)
+        problems.raise_all()
+        return {**values, **preset}
 
 
 def _sheet(table: Mapping[str, Any]) -> ServoSheet:
-    about, manual = table_of(table, "about", ""), table_of(table, "manual", "")
-    check_keys(about, _ABOUT, "about")
-    check_keys(manual, ("source", *_FIGURES), "manual")
-    product, source, quality = (string(about, key, "about") if key in about else "" for key in _ABOUT)
-    if not manual:
-        return ServoSheet(product, source, quality)
-    columns = {key: _numbers(manual, key) for key in _FIGURES if key in manual or key == "voltage"}
-    for key, column in columns.items():
-        if len(column) != len(columns["voltage"]):
-            raise ValueError(
-                f"manual: {key} has {len(column)} numbers, and voltage {len(columns['voltage'])}; expected one for "
-                "each voltage: give as many"
-            )
+    about, manual, problems = table_of(table, "about", ""), table_of(table, "manual", ""), Problems()
+    with problems.at(about):
+        check_keys(about, _ABOUT, "about")
+    with problems.at(manual):
+        check_keys(manual, ("source", *_FIGURES), "manual")
+    texts: dict[str, str] = {}
+    for key in _ABOUT:
+        with problems.at(about, key):
+            texts[key] = string(about, key, "about") if key in about else ""
+    columns: dict[str, list[float]] = {}
+    for key in _FIGURES if manual else ():
+        with problems.at(manual, key):
+            if key in manual or key == "voltage":
+                columns[key] = _numbers(manual, key, len(columns.get("voltage", ())))
+    with problems.at(manual):
+        source = string(manual, "source", "manual") if manual else ""
+    problems.raise_all()
     points = tuple(ManualPoint(**dict(zip(columns, row))) for row in zip(*columns.values()))
-    return ServoSheet(product, source, quality, string(manual, "source", "manual"), points)
+    return ServoSheet(**texts, manual_source=source, manual=points)
 
 
-def _numbers(manual: Mapping[str, Any], key: str) -> list[float]:
+def _numbers(manual: Mapping[str, Any], key: str, count: int) -> list[float]:
+    """Read a column of [manual]; count: of the voltages, 0 if these are not known."""
     value = manual.get(key)
     if not isinstance(value, list) or not value:
         raise ValueError(f"manual: {key} is {value!r}; expected numbers, one for each voltage: write [12.0, 14.8]")
+    if count and len(value) != count:
+        raise ValueError(
+            f"manual: {key} has {len(value)} numbers, and voltage {count}; expected one for each voltage: give as many"
+        )
     numbers = [real(x, f"manual: {key}") for x in value]
     for x in numbers:
         if not 0.0 < x < math.inf:
@@ -254,21 +306,26 @@ def _numbers(manual: Mapping[str, Any], key: str) -> list[float]:
 
 def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] = ()) -> dict[str, Any]:
     """Read a table's fields, numbers in SI, angles in radians; skip keys in `also`, refuse others."""
-    check_keys(table, (*also, *_FIELDS, *(f"{name}_deg" for name in _ANGLES)), what)
-    values: dict[str, Any] = {}
+    problems, values = Problems(), dict[str, Any]()
+    with problems.at(table):
+        check_keys(table, (*also, *SERVO_KEYS), what)
     for key, value in table.items():
-        if key in also:
-            continue
         name = key if key in _FIELDS else key.removesuffix("_deg")
-        if name in values:
-            raise ValueError(f"{what}: {name} is given twice; keep one of {name} and {name}_deg")
-        if _FIELDS[name].type == "float":
-            number = real(value, f"{what}: {key}")
-            values[name] = number if name == key else math.radians(number)
-        elif _FIELDS[name].type == "bool":
-            values[name] = truth(table, key, what)
-        else:
-            values[name] = string(table, key, what)
+        if key not in SERVO_KEYS:
+            continue
+        with problems.at(table, key):
+            if name in values:
+                raise ValueError(f"{what}: {name} is given twice; keep one of {name} and {name}_deg")
+            if _FIELDS[name].type == "float":
+                number = real(value, f"{what}: {key}")
+                values[name] = number if name == key else math.radians(number)
+            elif _FIELDS[name].type == "bool":
+                values[name] = truth(table, key, what)
+            else:
+                values[name] = string(table, key, what)
+            if name not in (*MOTOR, "ratio"):  # of which Servo and Gearbox know more
+                check(field_flaws(what, name, values[name], _FIELDS[name]))
+    problems.raise_all()
     return values
 
 
@@ -276,9 +333,9 @@ def _servo(values: dict[str, Any], what: str) -> Servo:
     if values.get("law") in TORQUE_LAWS:
         values = {"ratio": 1.0, **values}  # which matters to reflected inertia alone
     needed = [name for name, f in _FIELDS.items() if f.default is MISSING]
-    for name in [*needed, *(() if values.get("law") in TORQUE_LAWS else MOTOR)]:
-        if name not in values:
-            raise ValueError(f"{what}: {name} is missing; it is required: add it, or name a servo type that has it")
+    needed += () if values.get("law") in TORQUE_LAWS else MOTOR
+    remedy = "is missing; it is required: add it, or name a servo type that has it"
+    refuse(what, [f"{what}: {name} {remedy}" for name in needed if name not in values])
     controller, gearbox, motor = ({f.name: values[f.name] for f in part if f.name in values} for part in PARTS.values())
     try:
         return Servo(Controller(**controller), Gearbox(**gearbox), **motor)

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..model import Base, ContactPoint, Joint, Link, Servo, Supply
+from ..model.checks import check, field_flaws
 from ..model.tree_checks import check_links, check_locked
 from .report import Report
 from .robot import Posture
 from .servos import read_servos
-from .toml import check_keys, number, read_toml, real, record, table_of
+from .toml import Problems, check_keys, number, read_toml, real, record, table_of
 
 OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
     "links": ("gravity_compensation",),
     "joints": ("armature", "stiffness", "spring_reference"),
 }
+SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes")  # of the file
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
@@ -37,47 +40,107 @@ class Settings(NamedTuple):
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report) -> Settings:
     """Read the TOML file of a robot of these links and joints; raise ValueError for what it does not understand."""
-    table = read_toml(path)
-    check_keys(table, ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes"), "top level")
-    if table.get("base", "fixed") not in ("fixed", "floating"):
-        raise ValueError(f"base is {table['base']!r}; expected 'fixed' or 'floating': use one of these")
-    servos = read_servos(table_of(table, "servos", ""), joints, path.parent, report)
-    locked = {name: _locked_set(table["locked"], name, joints) for name in table_of(table, "locked", "")}
-    own = {"links": _own(table, "links", links), "joints": _own(table, "joints", joints)}
-    named = table_of(table, "keyframes", "")
-    postures = {name: _posture(named, name, joints) for name, q in named.items() if isinstance(q, dict)}
-    keyframes = {name: _numbers(q, f"keyframes.{name}") for name, q in named.items() if name not in postures}
-    contacts = table.get("contacts", [])
-    choice = _choice(contacts)
-    points = () if choice else _contacts(contacts, links)
-    supply = record(Supply, table_of(table, "supply", ""), "supply") if "supply" in table else None
-    return Settings(table.get("base"), locked, servos, points, own, keyframes, postures, supply, choice)
+    table, problems, found = read_toml(path), Problems(), dict[str, Any]()
+    own: dict[str, dict[str, Any]] = {name: {} for name in OWN}
+    with problems.at(table):
+        check_keys(table, SECTIONS, "top level")
+    for section in SECTIONS:
+        if section in table:
+            with problems.at(table, section):
+                if section in OWN:
+                    own[section] = _own(table, section, links if section == "links" else joints)
+                else:
+                    found |= _section(section, table, path.parent, links, joints, report)
+    problems.raise_all()
+    return Settings(**found, parts=own)
+
+
+def _section(
+    name: str,
+    table: Mapping[str, Any],
+    folder: Path,
+    links: tuple[Link, ...],
+    joints: tuple[Joint, ...],
+    report: Report,
+) -> dict[str, Any]:
+    """Read one of `SECTIONS` except `OWN`: return fields of `Settings`."""
+    if name == "base":
+        if table[name] not in ("fixed", "floating"):
+            raise ValueError(f"base is {table[name]!r}; expected 'fixed' or 'floating': use one of these")
+        return {name: table[name]}
+    if name == "contacts":
+        choice = _choice(table[name])
+        return {"choice": choice} if choice else {name: _contacts(table[name], links)}
+    inside = table_of(table, name, "")
+    if name == "servos":
+        return {name: read_servos(inside, joints, folder, report)}
+    if name == "supply":
+        return {name: record(Supply, inside, name)}
+    if name == "keyframes":
+        found = _each(inside, inside, lambda key: _keyframe(inside, key, joints))
+        postures = {key: q for key, q in found.items() if isinstance(q, Posture)}
+        return {name: {key: q for key, q in found.items() if key not in postures}, "postures": postures}
+    return {name: _each(inside, inside, lambda key: _locked_set(inside, key, joints))}
+
+
+def _each(table: Mapping[str, Any], keys: Iterable[str], read: Callable[[str], Any]) -> dict[str, Any]:
+    """Read what is under each of some keys of a table; raise Wrong with all problems."""
+    problems, found = Problems(), {}
+    for key in keys:
+        with problems.at(table, key):
+            found[key] = read(key)
+    problems.raise_all()
+    return found
 
 
 def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Joint, ...]) -> dict[str, dict[str, Any]]:
     """Read [links.NAME] or [joints.NAME]."""
-    found, names = {}, {part.name for part in parts}
-    for name in table_of(table, section, ""):
+    inside, names = table_of(table, section, ""), {part.name for part in parts}
+    declared = {f.name: f for f in fields(Link if section == "links" else Joint)}
+
+    def stated(own: dict[str, Any], key: str, what: str) -> float:
+        value = number(own, key, what)
+        check(field_flaws(what, key, value, declared[key]))
+        return value
+
+    def read(name: str) -> dict[str, Any]:
         if name not in names:
             what = section.removesuffix("s")
             raise ValueError(f"{section}: there is no {what} {name!r}; expected one of the URDF's: correct the name")
-        own = table_of(table[section], name, f"{section}.")
-        check_keys(own, OWN[section], f"{section}.{name}")
-        found[name] = {key: number(own, key, f"{section}.{name}") for key in own}
-    return found
+        own, problems, found = table_of(inside, name, f"{section}."), Problems(), dict[str, Any]()
+        with problems.at(own):
+            check_keys(own, OWN[section], f"{section}.{name}")
+        with problems.at(own):
+            known = [key for key in own if key in OWN[section]]
+            found = _each(own, known, lambda key: stated(own, key, f"{section}.{name}"))
+        problems.raise_all()
+        return found
+
+    return _each(inside, inside, read)
 
 
-def _posture(keyframes: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> Posture:
-    """Read [keyframes.NAME]; joints that it does not name are at zero."""
-    table, what = keyframes[name], f"keyframes.{name}"
-    check_keys(table, ("base", "joints"), what)
-    base = _numbers(table.get("base", list(UPRIGHT)), f"{what}.base")
-    if len(base) != len(UPRIGHT):
-        raise ValueError(f"{what}.base has {len(base)} numbers; expected [x, y, z, qw, qx, qy, qz]: write these seven")
-    stated = table_of(table, "joints", f"{what}.")
+def _keyframe(keyframes: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> Posture | tuple[float, ...]:
+    """Read [keyframes.NAME], or its list of coordinates; joints that it does not name are at zero."""
+    table, what, problems = keyframes[name], f"keyframes.{name}", Problems()
+    if not isinstance(table, dict):
+        return _numbers(table, what)
+    base: tuple[float, ...] = UPRIGHT
+    angles: dict[str, float] = {}
     moving = tuple(joint.name for joint in joints if joint.type != "fixed")
-    check_keys(stated, moving, f"{what}.joints")
-    return Posture(base, {joint: real(stated.get(joint, 0.0), f"{what}.joints.{joint}") for joint in moving})
+    with problems.at(table):
+        check_keys(table, ("base", "joints"), what)
+    with problems.at(table, "base"):
+        base = _numbers(table.get("base", list(UPRIGHT)), f"{what}.base")
+        if len(base) != len(UPRIGHT):
+            count = f"{what}.base has {len(base)} numbers"
+            raise ValueError(f"{count}; expected [x, y, z, qw, qx, qy, qz]: write these seven")
+    with problems.at(table, "joints"):
+        stated = table_of(table, "joints", f"{what}.")
+        with problems.at(stated):
+            check_keys(stated, moving, f"{what}.joints")
+        angles = _each(stated, moving, lambda joint: real(stated.get(joint, 0.0), f"{what}.joints.{joint}"))
+    problems.raise_all()
+    return Posture(base, angles)
 
 
 def _numbers(value: Any, what: str) -> tuple[float, ...]:
@@ -102,20 +165,27 @@ def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
         )
     names = [f" on link {row['link']!r}" if isinstance(row.get("link"), str) else "" for row in rows]
     whats = [f"contacts[{k}]" for k in range(len(rows))]
-    points = tuple(record(ContactPoint, row, what, what + name) for row, what, name in zip(rows, whats, names))
-    check_links("contacts", links, (point.link for point in points))
-    return points
+    points, problems = [], Problems()
+    for row, what, name in zip(rows, whats, names):
+        with problems.at(row):
+            points.append(record(ContactPoint, row, what, what + name))
+        with problems.at(row, "link"):
+            check_links("contacts", links, (row["link"],) if name else ())
+    problems.raise_all()
+    return tuple(points)
 
 
 def _locked_set(sets: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> dict[str, float]:
-    names = [joint.name for joint in joints]
-    held = {}
-    for key, value in table_of(sets, name, "locked.").items():
+    names, table, problems = [joint.name for joint in joints], table_of(sets, name, "locked."), Problems()
+    held: dict[str, float] = {}
+    for key, value in table.items():
         angle = key not in names and key.endswith("_deg")
         joint = key.removesuffix("_deg") if angle else key
-        if joint in held:
-            raise ValueError(f"locked.{name}: joint {joint!r} is given twice; keep one of the two")
-        position = real(value, f"locked.{name}: position of joint {joint!r}")
-        held[joint] = math.radians(position) if angle else position
-    check_locked(joints, held)
+        with problems.at(table, key):
+            if joint in held:
+                raise ValueError(f"locked.{name}: joint {joint!r} is given twice; keep one of the two")
+            position = real(value, f"locked.{name}: position of joint {joint!r}")
+            held[joint] = math.radians(position) if angle else position
+            check_locked(joints, {joint: held[joint]})
+    problems.raise_all()
     return held

@@ -1,4 +1,4 @@
-"""Read TOML files and their values; errors name the key."""
+"""Read TOML files and their values; errors name line and key, all of a file at once."""
 
 from __future__ import annotations
 
@@ -6,20 +6,25 @@ import json
 import math
 import sys
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
 from ..base.arguments import is_real, shown
+from ..base.flaws import Flaw, FlawError
+from ..model.checks import check, field_flaws
 from .source import read_bytes
+from .toml_lines import with_lines
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Read the table of a TOML file; raise ValueError if it is none."""
     data = read_bytes(path)
     try:
-        return tomllib.loads(data.decode("utf-8"))
+        text = data.decode("utf-8")
+        return with_lines(tomllib.loads(text), text)
     except UnicodeDecodeError as error:
         raise ValueError(f"is not UTF-8 text: {error}; save it as UTF-8") from error
     except RecursionError as error:
@@ -28,26 +33,71 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ValueError(f"is not TOML: {error}; correct the syntax there (https://toml.io)") from error
 
 
+class Wrong(FlawError):
+    """What is wrong with a TOML file; the element of each flaw is its line."""
+
+
+@contextmanager
+def at(table: Mapping[str, Any], key: str = "") -> Iterator[None]:
+    """Put the line of a key, or else that of its table, before the messages of errors that have none."""
+    try:
+        yield
+    except Wrong:
+        raise
+    except ValueError as error:
+        lines, own = getattr(table, "lines", {}), getattr(table, "line", 0)
+        line = lines.get(key, own)
+        texts = [flaw.text for flaw in error.flaws] if isinstance(error, FlawError) else [str(error)]
+        raise Wrong(Flaw(f"{line}", f"line {line}: {text}" if line else text) for text in texts) from error
+
+
+class Problems:
+    """Collect what is wrong."""
+
+    def __init__(self) -> None:
+        self.found: list[Flaw] = []
+
+    @contextmanager
+    def at(self, table: Mapping[str, Any], key: str = "") -> Iterator[None]:
+        """Catch errors, and add them with the line of a key, or else of the table."""
+        try:
+            with at(table, key):
+                yield
+        except Wrong as error:
+            self.found += error.flaws
+
+    def raise_all(self) -> None:
+        """Raise Wrong with all that was found, in the order of the lines."""
+        if self.found:
+            raise Wrong(sorted(dict.fromkeys(self.found), key=lambda flaw: int(flaw.element)))
+
+
 def check_keys(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
-    """Raise ValueError for an unknown key."""
+    """Raise ValueError for unknown keys."""
+    problems = Problems()
     for key in table:
-        if key not in known:
-            raise ValueError(f"{what}: unknown key {key!r}; expected {', '.join(known)}: correct it, or remove it")
+        with problems.at(table, key):
+            if key not in known:
+                raise ValueError(f"{what}: unknown key {key!r}; expected {', '.join(known)}: correct it, or remove it")
+    problems.raise_all()
 
 
 def table_of(table: Mapping[str, Any], key: str, prefix: str) -> dict[str, Any]:
     """Return the table under a key, empty if there is none; raise ValueError for anything else."""
     value = table.get(key, {})
-    if not isinstance(value, dict):
-        raise ValueError(f"{prefix}{key} is {value!r}; expected a table: write [{prefix}{key}] and key = value lines")
+    with at(table, key):
+        if not isinstance(value, dict):
+            text = f"{prefix}{key} is {value!r}; expected a table"
+            raise ValueError(f"{text}: write [{prefix}{key}] and key = value lines")
     return value
 
 
 def string(table: Mapping[str, Any], key: str, what: str) -> str:
     """Return the text under a key; raise ValueError for anything else."""
     value = table.get(key)
-    if not isinstance(value, str):
-        raise ValueError(f"{what}: {key} is {value!r}; expected a name: write it in quotes")
+    with at(table, key):
+        if not isinstance(value, str):
+            raise ValueError(f"{what}: {key} is {value!r}; expected a name: write it in quotes")
     return value
 
 
@@ -62,7 +112,8 @@ def real(value: Any, what: str) -> float:
 
 def number(table: Mapping[str, Any], key: str, what: str) -> float:
     """Return the number under a key; raise ValueError for anything else."""
-    return real(table.get(key), f"{what}: {key}")
+    with at(table, key):
+        return real(table.get(key), f"{what}: {key}")
 
 
 def vector(table: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
@@ -96,10 +147,17 @@ def record(kind: type, table: Mapping[str, Any], what: str, named: str = "") -> 
 
     named: name of the table in messages on values, if it differs.
     """
-    known = fields(kind)
-    check_keys(table, tuple(f.name for f in known), what)
-    stated = [f for f in known if f.name in table or f.default is MISSING]
-    return kind(**{f.name: READ[str(f.type)](table, f.name, named or what) for f in stated})
+    known, problems, values = fields(kind), Problems(), dict[str, Any]()
+    with problems.at(table):
+        check_keys(table, tuple(f.name for f in known), what)
+    for f in known:
+        if f.name in table or f.default is MISSING:
+            with problems.at(table, f.name):
+                values[f.name] = READ[str(f.type)](table, f.name, named or what)
+                check(field_flaws(named or what, f.name, values[f.name], f))
+    problems.raise_all()
+    with at(table):
+        return kind(**values)
 
 
 def written(value: str | float | tuple[float, ...]) -> str:

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,10 @@ import pytest
 
 from featherstone_gait import cli, load_robot
 from featherstone_gait.core.step.state import CHANNELS
+from featherstone_gait.model import ContactPoint, Supply
 from featherstone_gait.optimize import walking_cost
+from featherstone_gait.robot_file.servos import SERVO_KEYS, ManualPoint
+from featherstone_gait.robot_file.settings import OWN, SECTIONS
 
 ROOT = Path(__file__).parents[2]
 DOCS, PACKAGE = ROOT / "docs", ROOT / "featherstone_gait"
@@ -24,7 +28,8 @@ PAGES = [page for page in sorted(DOCS.rglob("*.md")) if DOCS / "notebooks" not i
 TEXTS = {page: page.read_text("utf-8") for page in [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]}
 ARCHITECTURE = TEXTS[DOCS / "architecture.md"]
 CODE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-sys.path.append(str(DOCS))  # measure, readme, tables, timings
+sys.path.append(str(DOCS))  # keys, measure, readme, tables, timings
+keys = importlib.import_module("keys")
 
 
 PROGRAMS = [  # those that define kernels are also run without compilation
@@ -105,6 +110,17 @@ def test_the_architecture_names_paths_and_functions_that_exist_and_quotes_the_so
     for names in (re.findall(r"`([\w./]+)`", row) for row in rows):
         text = "\n".join(text for path, text in sources.items() if path in names or path.startswith("core/effects/"))
         assert [each for each in names if "/" not in each and f"def {each}(" not in text] == []
+
+
+def test_every_key_of_toml_is_listed_with_what_it_is():
+    page = keys.resolved(TEXTS[DOCS / "toml_keys.md"])
+    assert "{keys}" not in page
+    named = {name.partition(".NAME")[0] for name in re.findall(r"`\[?([\w.]+)", page)}
+    stated = (f.name for f in (*fields(ContactPoint), *fields(Supply)))
+    assert named >= {*SECTIONS, *sum(OWN.values(), ()), *SERVO_KEYS, *stated}
+    assert named >= {"default", "type", "gearbox", *(f"manual.{f.name}" for f in fields(ManualPoint)), "about.product"}
+    rows = [row.split(" | ") for row in page.splitlines() if row.count(" | ") == 4]
+    assert all(len(row[-1]) > 4 for row in rows[1:] if not row[0].startswith("| ---") and row[0] != "| key")
 
 
 def test_every_command_and_channel_is_listed():

@@ -3,6 +3,7 @@
 import contextlib
 import math
 import re
+import tomllib
 from dataclasses import fields, replace
 
 import numpy as np
@@ -32,6 +33,7 @@ from featherstone_gait.robot_file import (
     save_robot,
 )
 from featherstone_gait.robot_file.source import MAX_BYTES
+from featherstone_gait.robot_file.toml_lines import with_lines
 
 URDF = """<?xml version="1.0"?>
 <robot name="bot">
@@ -1338,3 +1340,82 @@ def test_a_robot_that_cannot_be_saved_leaves_the_old_files_alone(tmp_path):
     with pytest.raises(ValueError, match=r"saved\.sdf: the file name must end in \.urdf"):
         save_robot(robot, tmp_path / "saved.sdf")
     assert [(p.name, p.read_bytes()) for p in sorted(tmp_path.iterdir())] == before
+
+
+WRONG = """bace = "floating"
+base = "flying"
+contacts = [
+  {link = "foot", position = [0, 0]},
+  {link = "nobody", position = [0, 0, 1], radius = -1},
+  {link = "foot", position = [0,
+    0, 1], rim = 2},
+]
+[servos]
+default = "ax12"
+voltage_limit = "nine"
+Kpp = 3
+[servos.joints.hip]
+current_limit = -1
+  period = 0
+[servos.joints.toe]
+Kp = 1
+[supply]
+voltage = -3
+resistence = '''
+two'''
+[joints.ankle]
+armature = true
+mass = 3
+[keyframes.crouch]
+base = [0, 0]
+joints.knees = 2
+[keyframes]
+list = [0, "x"]
+[locked.default]
+toe = 5
+hip_deg = 40000
+"""
+LINES = [1, 2, 4, 5, 5, 7, 11, 12, 14, 15, 16, 19, 20, 23, 24, 26, 27, 29, 31, 32]
+
+
+def test_all_that_is_wrong_with_a_toml_comes_at_once_with_its_line(tmp_path):
+    with pytest.raises(RobotFileError) as caught:
+        load_robot(write(tmp_path, URDF, WRONG))
+    assert [int(text.removeprefix("line ").partition(":")[0]) for text in caught.value.problems] == LINES
+
+
+def test_all_that_is_wrong_with_a_servo_comes_at_once_with_its_line(tmp_path):
+    lines = ['law = "pd"', 'Kp = "3"', "Kd = -1", "period = 0", "Kq = 1", "[about]", "product = 3"]
+    lines += ["[gearboxes.physical]", 'ratio = "a"']
+    (tmp_path / "odd.toml").write_text("\n".join(lines))
+    with pytest.raises(RobotFileError) as caught:
+        load_servo(tmp_path / "odd.toml")
+    assert [text.partition(":")[0] for text in caught.value.problems] == [f"line {k}" for k in (2, 3, 4, 5, 7, 9)]
+
+
+def test_lines_are_those_of_the_keys_in_any_toml():
+    """Text of several lines, tables within lists, dotted and quoted keys, arrays of tables."""
+    text = """
+a = '''x
+b = 3'''
+"c d".e = [1, # ]
+  {f = 2, g.h = [
+    3]}, "}",
+]  # [i]
+[j.k]
+l = 1979-05-27 07:32:00
+[[m]]
+n = "\\\\"
+[m.o]
+p = { q = { r = -inf } }
+[[m]]
+  n = 2
+""".replace("\n", "\r\n")
+    table = with_lines(tomllib.loads(text), text)
+    assert table == tomllib.loads(text)
+    assert table.lines == {"a": 2, "c d": 4, "j": 8, "m": 10}
+    assert table["c d"]["e"][1].lines == {"f": 5, "g": 5}
+    assert table["c d"]["e"][1]["g"].lines == {"h": 5}
+    assert table["j"]["k"].lines == {"l": 9}
+    assert [row.lines for row in table["m"]] == [{"n": 11, "o": 12}, {"n": 15}]
+    assert table["m"][0]["o"]["p"]["q"].lines == {"r": 13}
