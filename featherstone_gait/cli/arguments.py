@@ -194,6 +194,16 @@ class Setup(NamedTuple):
     said: list[str]  # what was taken, and what was not
 
 
+@contextmanager
+def telling_extras() -> Iterator[None]:
+    """Turn a missing package into an error of the call, like a wrong argument."""
+    try:
+        yield
+    except ImportError as error:
+        raise ValueError(str(error)) from error
+
+
+@telling_extras()
 def robot_of(args: argparse.Namespace, robot: str) -> Setup:
     """Load a robot with the options of `add_setup`; one that floats without contact points gets those of its feet."""
     from ..robot_file import load_robot
@@ -207,7 +217,7 @@ def robot_of(args: argparse.Namespace, robot: str) -> Setup:
             model, contacts = with_contacts(model, "feet"), "feet"
             said = [f"contacts    {len(model.contacts)} points of its feet, from its collision shapes"]
         except (ValueError, ImportError) as error:
-            said = [f"contacts    none: {error}"]
+            said = [f"contacts    none: {args.command.in_options(str(error))}"]
     if args.servo is not None:
         model = driven(model, args.servo)
     if args.gearbox not in (None, "none") and not any(name in model.servos for name in model.joint_names):
@@ -257,6 +267,7 @@ def add_gait(parser: Parser, kinds: Sequence[str] = GEARBOX_KINDS) -> None:
     add_setup(parser, kinds, servo=f"the one that the .npz names, else {OWN_SERVO}")
 
 
+@telling_extras()
 def robot_of_gait(args: argparse.Namespace) -> Model:
     """Load the robot that `add_gait` asks for, with its own servos."""
     from ..robot_file import robot_names
@@ -292,12 +303,3 @@ def servo_of_gait(args: argparse.Namespace) -> str | None:
 def gait_stem(args: argparse.Namespace) -> str:
     """Return the beginning of file names of a command about a gait."""
     return args.gait.stem.removesuffix("_angles") + ("_first" if args.first else "")
-
-
-@contextmanager
-def telling_extras() -> Iterator[None]:
-    """Turn a missing package into an error of the call, like a wrong argument."""
-    try:
-        yield
-    except ImportError as error:
-        raise ValueError(str(error)) from error

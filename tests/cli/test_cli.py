@@ -518,6 +518,17 @@ def test_doubts_about_a_file_are_told_without_a_line_of_this_package(tmp_path):
     assert "load_robot(args" not in told
 
 
+def test_a_package_that_is_missing_is_named_in_a_line(tmp_path, monkeypatch, capsys):
+    (tmp_path / "arm.xml").write_text("<mujoco><worldbody><body/></worldbody></mujoco>", "utf-8")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    for command in ("info", "simulate", "view"):
+        assert cli.main([command, str(tmp_path / "arm.xml"), "--out", str(tmp_path)]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith("error: ")
+        assert said.count("\n") == 1
+        assert "pip install featherstone-gait[mjcf]" in said
+
+
 def test_a_servo_that_is_not_there_is_told_with_those_that_are(capsys):
     assert cli.main(["servos", "ax13"]) == 2
     told = capsys.readouterr().err
