@@ -155,6 +155,9 @@ def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path
             table_of(own, name, "servos.joints.")
     with problems.at(section):
         shared = _servo_settings(section, "servos", also=("default", "gearbox", "joints"))
+    with problems.at(section):
+        if "default" in section:
+            string(section, "default", "servos")
     if "default" not in section and not own and (shared or "gearbox" in section):
         stated = ", ".join(key for key in section if key != "joints")
         with problems.at(section):
