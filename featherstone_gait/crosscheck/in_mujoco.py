@@ -445,18 +445,23 @@ def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:
         type=types.mjGEOM_PLANE, size=[0, 0, 1], friction=[friction, 0.005, 1e-4], solref=[time_constant, 1.0],
         priority=1, contype=0, conaffinity=1,
     )  # fmt: skip
-    touching = {"contype": 1, "conaffinity": 0, "mass": 0.0}
+    touching = {"contype": 1, "conaffinity": 0, "mass": 0.0, "solref": [time_constant, 1.0]}
     if floor.soles == "spheres":
         for point in model.contacts:
             if point.circle_radius:
                 raise ValueError(f"contact point on link {point.link!r}: MuJoCo has no circles; give points")
             shape = {"type": types.mjGEOM_SPHERE, "size": [point.radius or RADIUS, 0.0, 0.0], "pos": point.position}
-            _body(spec, point).add_geom(**shape, **touching)
+            _body(spec, point).add_geom(**shape, **touching, **_own_friction(point))
         return
     links = {link.name: link for link in model.links}
     for name, points in _of_links(model).items():
-        size, pos, quat = _box(links[name], points)
-        _body(spec, points[0]).add_geom(type=types.mjGEOM_BOX, size=size, pos=pos, quat=quat, **touching)
+        (size, pos, quat), own = _box(links[name], points), _own_friction(points[0])
+        _body(spec, points[0]).add_geom(type=types.mjGEOM_BOX, size=size, pos=pos, quat=quat, **touching, **own)
+
+
+def _own_friction(point: ContactPoint) -> dict[str, Any]:
+    """Return what gives a geom a friction of its own in place of the floor's."""
+    return {} if point.friction is None else {"friction": [point.friction, 0.005, 1e-4], "priority": 2}
 
 
 def soles_of(model: Model) -> tuple[Soles, ...]:

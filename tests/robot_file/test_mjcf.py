@@ -415,6 +415,7 @@ def joint_torques(path, q, qd, control):
 
 
 NO = '<option><flag %s="disable"/></option>'
+DC = 'motorconst="0.05 0.05" resistance="2" controller="0.02 0 0.004 0 0 6" gear="50" input="pos"'
 JOINT = robot(f'<body><joint name="j" axis="0 1 0"/>{BALL}</body>', "<actuator>%s</actuator>")
 
 
@@ -427,6 +428,29 @@ def test_position_actuator_is_a_clamped_pd_servo(write, q):
     ours = np.clip(law.Kp * (reference - q) - law.Kd * qd, -law.torque_limit, law.torque_limit)
     assert law.law == "pd_clamped"
     assert ours == pytest.approx(joint_torques(path, q, qd, -3 * reference), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        'position joint="j" kp="30" gear="-3" ctrlrange="-0.6 1.5"',
+        'general joint="j" biastype="affine" gainprm="60" biasprm="0 -30 0" ctrlrange="-0.25 0.1"',
+        f"dcmotor joint='j' {DC} ctrlrange='-25 10'",
+    ],
+)
+def test_the_range_to_which_mujoco_clamps_references_is_named(write, actuator):
+    """Beyond it, controls give the torque of the reference at its end."""
+    path = write(JOINT % f"<{actuator}/>")
+    with pytest.warns(RobotFileWarning, match="MuJoCo clamps"):
+        model = load_robot(path)
+    (low, high), note = (-0.5, 0.2), next(note for note in model.notes if "MuJoCo clamps" in note)
+    assert f"{low:g} to {high:g}" in note
+    servo = model.servos["j"]
+    ends = sorted(joint_torques(path, 0.0, 0.0, u) for u in (-1e3, 1e3))
+    rotor = servo.gearbox.ratio * servo.motor_constant / servo.resistance if servo.resistance else 1.0
+    most = servo.voltage_limit or np.inf
+    ours = [rotor * np.clip(servo.controller.Kp * reference, -most, most) for reference in (low, high)]
+    assert ours == pytest.approx(ends, rel=1e-12)
 
 
 @pytest.mark.parametrize("q", [-0.4, 0.05, 0.9])
@@ -468,7 +492,6 @@ def test_motor_gives_the_joint_its_effort(write):
     assert joint.effort == 20.0
 
 
-DC = 'motorconst="0.05 0.05" resistance="2" controller="0.02 0 0.004 0 0 6" gear="50" input="pos"'
 
 
 def test_motors_whose_controls_are_not_clamped_have_no_limit(write):

@@ -68,7 +68,8 @@ class _Row(NamedTuple):
     dyn: list[float]
     gain: list[float]
     bias: list[float]
-    control: float  # most of the control, either way
+    controls: tuple[float, float]  # range in which MuJoCo keeps the control
+    control: float  # most of it, either way
     force: float  # most of the force, either way
     uneven: tuple[bool, bool]  # whether the limits of control and force differ between the two ways
     armature: float
@@ -152,6 +153,7 @@ def _row(m: Any, k: int, gear: float) -> _Row:
         dyn=m.actuator_dynprm[k].tolist(),
         gain=m.actuator_gainprm[k].tolist(),
         bias=m.actuator_biasprm[k].tolist(),
+        controls=(float(controls[0]), float(controls[1])),
         control=float(np.abs(controls).max()),
         force=float(np.abs(forces).max()),
         uneven=(bool(controls[0] != -controls[1]), bool(forces[0] != -forces[1])),
@@ -170,7 +172,10 @@ def _read(row: _Row, timestep: float) -> _Read:
     if row.kind[0] == DC_DYNAMICS:
         servo, reasons = _dc_motor(row, timestep)
         turned = (OWN_ANGLE,) * (row.gear < 0)
-        return _Read(servo, reasons=(*(f"ignored actuators {reason}" for reason in reasons), *turned, *row.more))
+        kept = _range(row, 1.0) if row.gear and row.inputs & POSITION_INPUT else {}
+        beyond = (reason for reason, holds in kept.items() if holds)
+        ignored = (f"ignored actuators {reason}" for reason in reasons)
+        return _Read(servo, reasons=(*ignored, *beyond, *turned, *row.more))
     if row.kind == (NO_DYNAMICS, FIXED_GAIN, NO_BIAS):
         return _motor(row)
     linear = row.kind[1:] == (FIXED_GAIN, AFFINE_BIAS) and row.gain[0] > 0 and row.bias[1] < 0 and not row.bias[0]
@@ -195,10 +200,17 @@ def _position(row: _Row) -> _Read:
         "took activations of actuators as being at once, though they are filtered": row.kind[0] != NO_DYNAMICS,
         OWN_ANGLE: row.gear != 1,
         SCALED: row.gain[0] != -row.bias[1],
-        "ignored the ctrlrange of actuators, since references have no limits": row.control < math.inf,
+        **_range(row, row.gain[0] / -row.bias[1]),
         "took the larger end of forcerange of actuators either way": row.uneven[1],
     }
     return _Read(Servo(law), reasons=(*(reason for reason, holds in found.items() if holds), *row.more))
+
+
+def _range(row: _Row, gain: float) -> dict[str, bool]:
+    """Return what MuJoCo clamps and a reference is not, where the joint's angle is the control times gain / gear."""
+    low, high = sorted(gain * u / row.gear for u in row.controls)
+    text = f"keep references within {low:.6g} to {high:.6g} rad or m, to which MuJoCo clamps them"
+    return {f"ignored the ctrlrange of actuators, since references have no limits: {text}": math.isfinite(high - low)}
 
 
 def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
@@ -211,6 +223,7 @@ def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
     gains: dict[str, Any] = {"Kp": R / K * kp * g, "Ki": R / K * ki * g, "Kd": max(0.0, (R / K * kd - K) * g)}
     if not row.inputs & POSITION_INPUT:
         gains, reasons = {}, [*reasons, "that take no position: their gains are zero here, give them a controller"]
+        most = most or row.control  # which is a voltage
     elif R / K * kd < K:
         reasons.append("whose kd is below K^2/R: Kd is 0 here, and the back-EMF damps more than in MuJoCo")
     servo = Servo(
@@ -219,7 +232,7 @@ def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
         resistance=R,
         inductance=row.dyn[0] * R,
         motor_constant=K,
-        voltage_limit=most or min(row.control, NO_LIMIT),
+        voltage_limit=min(most or NO_LIMIT, NO_LIMIT),
         current_limit=row.force / K,
         current_slew=row.dyn[1] or math.inf,
         viscous_friction=g * g * row.damping,
