@@ -29,6 +29,7 @@ KINDS = (".stl", ".obj", ".dae", ".glb", ".gltf")
 WHITE = (255, 255, 255)
 COLORS = ("library_images", "library_effects", "library_materials", "bind_material")  # of a DAE
 LOOKS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights")  # extensions of a glTF that move no point
+PICTURES = ("images", "textures", "samplers")  # of a glTF
 TEXTURES = ("library_images", "newparam")  # and what of an effect refers to them
 
 Color = tuple[int, int, int]
@@ -128,7 +129,7 @@ def _contents(path: Path) -> tuple[str, bytes, float]:
     if kind == ".dae":
         data, unit = _without_colors(path, data)
     elif kind in (".glb", ".gltf"):
-        _check_gltf(path, data)
+        data = _without_pictures(path, data)
     return kind[1:], data, unit
 
 
@@ -229,20 +230,41 @@ def _without(root: Element, drop: Callable[[Element], bool]) -> bytes:
     return tostring(root)
 
 
-def _check_gltf(path: Path, data: bytes) -> None:
-    """Raise ValueError for a glTF that is too large, or compressed, whose numbers the reader would take for zeros."""
+def _without_pictures(path: Path, data: bytes) -> bytes:
+    """Strip a glTF of its pictures, of which the reader would unpack one for each instance.
+
+    Raises ValueError for one that is too large, or compressed, whose numbers the reader would take for zeros.
+    """
     binary = data[:4] == b"glTF"  # a header of 12 bytes, then the first chunk: length, "JSON", text
-    text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
+    end = 20 + int.from_bytes(data[12:16], "little") if binary else len(data)
+    text = data[20:end] if binary else data
     try:
         content = json.loads(text)
         needed = [name for name in content.get("extensionsRequired", ()) if not name.startswith(LOOKS)]
         without = sum("bufferView" not in accessor for accessor in content.get("accessors", ()))
         check_gltf(content)
+        for name in PICTURES:
+            content.pop(name, None)
+        content["materials"] = _without_textures(content.get("materials", []))
     except (ValueError, AttributeError, TypeError, LookupError, RecursionError) as error:
         raise ValueError(f"{path}: cannot be read as glTF: {error}; export the mesh again") from error
     if needed or without:
         why = f"needs {', '.join(map(str, needed))}" if needed else "has accessors without numbers"
         raise ValueError(f"{path}: {why}, which is not read; export the mesh without compression")
+    text = json.dumps(content).encode()
+    if not binary:
+        return text
+    text += b" " * (-len(text) % 4)
+    rest = data[end:]
+    sizes = (20 + len(text) + len(rest), len(text))
+    return data[:8] + sizes[0].to_bytes(4, "little") + sizes[1].to_bytes(4, "little") + data[16:20] + text + rest
+
+
+def _without_textures(content: Any) -> Any:
+    """Return the materials of a glTF without what refers to textures."""
+    if isinstance(content, dict):
+        return {key: _without_textures(value) for key, value in content.items() if not key.endswith("Texture")}
+    return [_without_textures(item) for item in content] if isinstance(content, list) else content
 
 
 def _tag(element: Element) -> str:

@@ -1,13 +1,14 @@
 """Small mesh files that expand without bound are refused before a reader takes the memory."""
 
 import base64
+import io
 import json
 import struct
 
 import numpy as np
 import pytest
 
-from featherstone_gait.geometry.mesh import mesh_points
+from featherstone_gait.geometry.mesh import WHITE, mesh_parts, mesh_points
 from featherstone_gait.geometry.mesh_size import MAX_INSTANCES, MAX_TRIANGLES
 
 GEOMETRY = """
@@ -94,3 +95,24 @@ def test_all_instances_of_a_plain_file_are_read(tmp_path):
     assert len(mesh_points(tmp_path / "a.dae")) == 3 * 2**5
     (tmp_path / "a.gltf").write_text(gltf([{"mesh": 0}] * 100, triangles=2))
     assert len(mesh_points(tmp_path / "a.gltf")) == 100 * 6
+
+
+@pytest.mark.parametrize("kind", [".gltf", ".glb"])
+def test_pictures_are_not_unpacked(tmp_path, monkeypatch, kind):
+    """A picture of a hundred kilobytes may take a gigabyte, once for each instance of what it covers."""
+    image = pytest.importorskip("PIL.Image")
+    picture = io.BytesIO()
+    image.new("L", (64, 64)).save(picture, "PNG")
+    content = json.loads(gltf([{"mesh": 0}] * 3))
+    uri = "data:image/png;base64," + base64.b64encode(picture.getvalue()).decode()
+    content |= {"images": [{"uri": uri}], "textures": [{"source": 0}]}
+    content["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+    content["meshes"][0]["primitives"][0]["material"] = 0
+    text = json.dumps(content)
+    (tmp_path / f"a{kind}").write_bytes(glb(text) if kind == ".glb" else text.encode())
+    opened = []
+    monkeypatch.setattr(image, "open", lambda *given, **how: opened.append(given))
+    (part,) = mesh_parts(tmp_path / f"a{kind}")
+    assert part.color == WHITE
+    assert len(part.points) == 9
+    assert not opened
