@@ -36,6 +36,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.effects.energies import ENERGIES
 from ..core.step import pace
 from ..scene.channels import unit_of
 from ..scene.compile import CompiledScene
@@ -61,6 +62,8 @@ ROUNDING = 1e-13  # of the values, the least error that is estimated
 LIMIT = 1e-3  # of angles [rad] and positions [m]: beyond it a run is inaccurate
 FIXED_LIMIT = 1e-2  # the same at fixed steps, which are chosen by name
 SPEED_LIMIT = 10.0  # of speeds by the largest there is or 1, in the above: an impact a moment late is a jump missed
+ENERGY_LIMIT = 1e-2  # of energies, where they are recorded, by the largest there is ...
+LEAST_ENERGY = 1e-3  # ... or this [J]
 
 
 class SecondRun(NamedTuple):
@@ -163,7 +166,7 @@ def with_channels(run: Trajectory, record: Sequence[str]) -> Trajectory:
 
 
 def with_accuracy(run: Trajectory) -> Trajectory:
-    """Return the run, `inaccurate` if the error of its coordinates is too large; of a fall the message says so."""
+    """Return the run, `inaccurate` if coordinates or energies are too uncertain; of a fall the message says so."""
     wrong = _inaccurate(run, run.error or {}) if run.status in (Status.OK, Status.FELL) else None
     if wrong is None:
         return run
@@ -200,7 +203,10 @@ def _difference(run: Trajectory, other: Trajectory, share: float) -> dict[str, n
 
 
 def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray, float, str]]:
-    """Yield name, error, its limit and unit of the coordinates that have an error."""
+    """Yield name, error (samples, columns), its limit and unit of the coordinates and energies that have an error.
+
+    An error of an energy counts from where it lasts: where an impact is a moment late, so are its losses.
+    """
     largest = LIMIT if "rtol" in run.info else FIXED_LIMIT
     for name, unit in (("q", "rad or m"), ("base_q", "m or -"), ("qd", "rad/s or m/s"), ("base_qd", "m/s or rad/s")):
         if name in errors and errors[name].size:
@@ -208,6 +214,10 @@ def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[s
             if name.endswith("qd"):
                 limit *= SPEED_LIMIT * max(float(np.abs(run[name]).max()), 1.0)
             yield name, errors[name], limit, unit
+    if "energy" in errors and errors["energy"].size:
+        lasting = np.minimum.accumulate(errors["energy"][::-1])[::-1]
+        limit = ENERGY_LIMIT * max(float(np.abs(run["energy"]).max()), LEAST_ENERGY)
+        yield "energy", lasting.reshape(len(lasting), -1), limit, "J"
 
 
 def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
@@ -216,16 +226,17 @@ def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
     for name, errors, limit, unit in _limited(run, error):
         beyond = (errors > limit).any(axis=1)
         if beyond.any():
-            found.append((int(beyond.argmax()), name, limit, unit))
+            k = int(beyond.argmax())
+            found.append((k, name, limit, unit, errors[k]))
     if not found:
         return None
-    k, name, limit, unit = min(found)
-    column = int(error[name][k].argmax())
-    what = f"number {column} of {name}"
+    k, name, limit, unit, errors = min(found, key=lambda one: one[:2])
+    column = int(errors.argmax())
+    what = run.info["joints"][column // ENERGIES] if name == "energy" else f"number {column} of {name}"
     if name in ("q", "qd"):
         what, unit = run.info["joints"][column], unit_of(name, run.info.get("joint_types", ())[column : column + 1])
     finer = f"rtol than {run.info['rtol']:g}" if "rtol" in run.info else f"timestep than {run.info['timestep']:g} s"
-    far = error[name][k, column]
+    far = errors[column]
     by = "(the same run in other steps ended otherwise)"
     if math.isfinite(far):
         by = f"by {far:.2g} {unit} (limit {limit:.2g})"

@@ -102,7 +102,8 @@ def simulate(
         run: "extrapolation" if the scene is stiff, else "dop853".
     estimate_error
         None: run again at ten times the tolerances, or at twice the fixed step.  The run is "inaccurate" if its error
-        is larger than 1e-3 rad or m, or 1e-2 of the largest speed (1 at least), ten times as much at a fixed step;
+        is larger than 1e-3 rad or m, or 1e-2 of the largest speed (1 at least), ten times as much at a fixed step,
+        or, with "energy" recorded, than 1e-2 of the largest energy (1 mJ at least) up to the end;
         at fixed steps a third run in half the steps must confirm it.  Where torques, pushes or followed references
         change within fixed steps, the second run has error control, whose steps end there.
         True: run again with half the step, or at a tenth of the tolerances, for a closer estimate.

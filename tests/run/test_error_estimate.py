@@ -186,6 +186,26 @@ def test_a_fixed_step_that_is_wrong_by_a_hundredth_says_so():
 
 @pytest.mark.long
 @pytest.mark.nojit
+def test_recorded_energies_that_are_wrong_by_more_than_a_hundredth_say_so():
+    """A pendulum loses its energy to damping, dry friction and stops: Euler's step takes 7 % of it."""
+    model = pendulum(lower=-0.4, upper=0.4, friction=0.02)
+    scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3)
+    start, record = initial_state(scene, [0.3], [2.0]), ("q", "energy")
+    run, exact = simulate(scene, 3.0, start, record=record), simulate(scene, 3.0, start, record=record, rtol=1e-9)
+    off = np.abs(run["energy"] - exact["energy"])[-1].max()
+    assert off > 0.04 * np.abs(exact["energy"]).max()
+    assert off < 3.0 * run.error["energy"][-1].max()
+    assert np.abs(run["q"] - exact["q"])[-1] < 1e-2
+    assert run.status == "inaccurate"
+    assert "energy of hinge" in run.message
+    assert simulate(scene, 3.0, start).ok  # where energies are not asked for
+    default = simulate(compile_scene(model), 3.0, start, record=record)
+    assert default.ok
+    assert np.abs(default["energy"] - exact["energy"])[-1].max() < 1e-3 * np.abs(exact["energy"]).max()
+
+
+@pytest.mark.long
+@pytest.mark.nojit
 def test_a_finer_run_is_asked_before_a_fixed_step_is_called_inaccurate():
     """At 2 ms the midpoint rule rings at the stop, at 1 ms it does not."""
     scene = compile_scene(pendulum(lower=-0.4, upper=0.4), integrator="midpoint", timestep=1e-3)

@@ -349,7 +349,7 @@ def test_a_stop_catches_a_swinging_link_and_takes_its_energy(integrator, timeste
     limit, torque = 0.4, 1.0
     scene = hinge(integrator, timestep, lower=-limit, upper=limit)
     run = simulate(scene, 5.0, initial_state(scene, [-0.3], [speed]), tau=[torque], record=("q", "qd", "energy"))
-    assert run.ok, run.message
+    assert run.status == ("inaccurate" if tolerance > 0.01 else "ok"), run.message  # a balance open by 3 % says so
     end, E = run["q"][-1, 0], run["energy"][:, 0]
     assert limit < run["q"].max() < limit + STOP_DEPTH
     push = scene.constants.stops[0].stiffness * (end - limit)
