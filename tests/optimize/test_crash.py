@@ -23,8 +23,8 @@ SETTINGS = dict(amplitude=0.3, max_iterations=60, seed=7)
 
 
 def start(folder):
-    command = [sys.executable, "-m", "featherstone_gait", "optimize", "--resume", "--one-world", "--test-worlds", "0"]
-    command += ["--iterations", str(ITERATIONS), "--out", str(folder)]
+    command = [sys.executable, "-m", "featherstone_gait", "optimize", "--one-world", "--test-worlds", "0"]
+    command += ["--iterations", str(ITERATIONS), "--out", str(folder)] + ["--resume"] * bool(history(folder))
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, cwd=Path(__file__).parents[2], **quiet)
 

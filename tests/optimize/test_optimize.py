@@ -419,7 +419,7 @@ def test_the_job_walks_its_gait_in_mujoco_if_asked(tmp_path, monkeypatch, capsys
         if name not in ("10ms_0.9", "20ms_0.9"):
             monkeypatch.delitem(FLOORS, name)
     report = main_job(
-        options=OptimizeOptions(iterations=0, states="stride", worlds=0, test_worlds=0, out=tmp_path, crosscheck=1)
+        options=OptimizeOptions(iterations=1, states="stride", worlds=0, test_worlds=0, out=tmp_path, crosscheck=1)
     )
     assert report["crosscheck"].startswith("in MuJoCo it walks 20 strides on 4 of 4 floors")
     assert f"crosscheck: {report['crosscheck']}" in " ".join(capsys.readouterr().out.split())
@@ -435,7 +435,7 @@ def test_a_crosscheck_that_fails_does_not_cost_the_search(tmp_path, monkeypatch,
         raise error
 
     monkeypatch.setattr(measure, "crosscheck", fail)
-    few = dict(iterations=0, states="stride", worlds=0, test_worlds=0)
+    few = dict(iterations=1, states="stride", worlds=0, test_worlds=0)
     report = main_job(options=OptimizeOptions(**few, out=tmp_path, progress=False, crosscheck=1))
     assert report["crosscheck"].startswith(said)
     assert (tmp_path / "humanoid_gait.npz").exists()
