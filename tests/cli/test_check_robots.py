@@ -18,7 +18,7 @@ def folder(tmp_path):
     for name, text in {"a.urdf": SLIDER, "deep/b.urdf": NOTED, "deep/er/c.urdf": HEAVY, "deep/d.urdf": "no"}.items():
         (robots / name).write_text(text)
     (robots / "e.xml").write_text("<?xml version='1.0'?><!-- <robot> --><sdf/>")
-    (robots / "f.xml").write_text("<!-- a --><mujoco><worldbody/></mujoco>")
+    (robots / "f.xml").write_text("<!-- a --><mujoco><worldbody><body/></worldbody></mujoco>")
     return robots
 
 
