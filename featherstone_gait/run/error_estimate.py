@@ -3,18 +3,22 @@
 Error control: the second run has `COARSER` times the tolerance.  Where errors are proportional to the tolerance, the
 difference of the two runs is some nine errors of the run.  Discontinuities and chaos leave a smaller difference, so a
 larger `SHARE` of it than a ninth is taken for the error.  Where ticks or records end the steps before the tolerance
-does, `ars343` takes two steps for one of the second run, and the difference is most of the error.  Where
+does, `ars343` and `extrapolation` take two in the second run, and the difference is most of the error: a second run
+that takes more steps than the first is the finer one, and the whole difference is taken.  Where
 discontinuities decide the steps, so that many are rejected, errors hardly fall with the tolerance, and the whole
-difference is taken.
+difference is taken.  Where steps are long, errors fall faster than the tolerance, and that overrates the run: one that
+it makes inaccurate gets a third run at a tenth of the tolerance, whose verdict counts.  A control law in counts jumps
+by one where the smallest error decides; both runs may jump alike, and the true motion otherwise.  There the second run
+has a tenth of the tolerance at once, and the whole difference is the error.
 
 Fixed steps h: the second run takes steps of 2 h.  The difference is 2^p - 1 errors of the run at order p, and less at
-discontinuities of any order: an error that falls with the root of h is 2.4 differences.  That is taken at order 1, a
-half at order 2, and 0.38 at order 4, which makes a smooth run look six times as wrong as it is.  Where 2 h does not fit
-between ticks, records or edges of signals, or is unstable, the second run takes steps of h / 2, and the error is twice
-the difference.  A run that the second run makes inaccurate gets a third run in steps of h / 2, whose verdict counts: on
-stiff stops errors grow faster than any power of h.  Where at order 1 the difference to the third run is not half of
-that to the second, discontinuities may hide in both, and the error is 3.4 times the difference, as if it fell with the
-root of h.
+discontinuities of any order: an error that falls with the root of h is 2.4 differences.  That is taken at order 1, 1.2
+at order 2, and 0.38 at order 4, which makes smooth runs look four to six times as wrong as they are.  Where 2 h does
+not fit between ticks, records or edges of signals, or is unstable, the second run takes steps of h / 2, and the error
+is twice the difference.  A run that the second run makes inaccurate gets a third run in steps of h / 2, whose verdict
+counts: on stiff stops errors grow faster than any power of h.  Where at order 1 the difference to the third run is not
+half of that to the second, discontinuities may hide in both, and the error is 3.4 times the difference, as if it fell
+with the root of h.
 
 A fixed step takes the mean of what changes within it: a short push keeps its impulse, but acts up to a step too early
 or too late, and steps of other lengths may misplace it by as much.  Where a push, a torque, or a reference that is
@@ -31,7 +35,7 @@ import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +43,7 @@ from numpy.typing import ArrayLike
 from ..core.effects.energies import ENERGIES
 from ..core.step import pace
 from ..scene.channels import unit_of
-from ..scene.compile import CompiledScene
+from ..scene.compile import JUMPING, CompiledScene
 from ..scene.external import Push
 from ..scene.friction import widened
 from .classify import beyond_stability
@@ -50,9 +54,11 @@ from .trajectory import Trajectory, with_error
 
 COARSER = 10.0  # tolerance of the second run, by the run's
 SHARE = 0.35  # of the difference, that is taken for the error
-WHOLE_OF_IT = 1.0  # where the second run has wider friction, or many steps are rejected, or it is no fixed one
+WHOLE_OF_IT = 1.0  # where the second run is finer or has wider friction, or many steps are rejected
+OF_TENTH = 1.2  # of the difference to a third run at a tenth of the tolerance, which has a tenth of the error or more
+STRICTEST = 1e-14  # tolerance
 MANY = 0.5  # of those taken; some 0.1 are of a smooth motion
-OF_TWICE, OF_HALF = {1: 2.4, 2: 0.5}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
+OF_TWICE, OF_HALF = {1: 2.4, 2: 1.2}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
 OF_HIGHER = 0.38
 OF_ROOT = 3.4  # of h / 2, where the error may fall with the root of h
 ORDERLY = 0.05  # by how much the share that halving the step leaves of a difference may be off a half
@@ -66,6 +72,14 @@ ENERGY_LIMIT = 1e-2  # of energies, where they are recorded, by the largest ther
 LEAST_ENERGY = 1e-3  # ... or this [J]
 
 
+class Rerun(NamedTuple):
+    """Scene and tolerances of a run."""
+
+    scene: CompiledScene
+    rtol: float | None
+    atol: float | None
+
+
 class SecondRun(NamedTuple):
     """Scene and tolerances of the second run, and the share of the difference to take as the error."""
 
@@ -73,7 +87,7 @@ class SecondRun(NamedTuple):
     rtol: float | None
     atol: float | None
     share: float  # of the difference to the run, that is the run's error
-    finer: CompiledScene | None = None  # in half the steps, of a third run where the second makes the run inaccurate
+    finer: Rerun | None = None  # a third run, where the second makes the run inaccurate
 
 
 def second_run(
@@ -84,9 +98,13 @@ def second_run(
     That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
     """
     if rtol is not None and atol is not None:
+        finer = Rerun(scene, *(max(value / COARSER, STRICTEST) for value in (rtol, atol)))
+        if rtol > JUMPING and scene.counts:
+            return SecondRun(*finer, WHOLE_OF_IT)
         other = _with_coarser_tolerance(scene)
         softer = other.constants.friction is not scene.constants.friction
-        return SecondRun(other, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), WHOLE_OF_IT if softer else SHARE)
+        coarser = Rerun(other, min(1.0, COARSER * rtol), min(1.0, COARSER * atol))
+        return SecondRun(*coarser, WHOLE_OF_IT) if softer else SecondRun(*coarser, SHARE, finer)
     if scene.method.drives or scene.by_hand:
         return None
     if edges == 0:
@@ -95,7 +113,8 @@ def second_run(
     if edges == 2 and every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
         coarse = _with_step(scene, 2.0)
         if not beyond_stability(coarse):
-            return SecondRun(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), _with_step(scene, 0.5))
+            half = Rerun(_with_step(scene, 0.5), None, None)
+            return SecondRun(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), half)
     return SecondRun(_with_step(scene, 0.5), None, None, OF_HALF)
 
 
@@ -175,8 +194,10 @@ def with_accuracy(run: Trajectory) -> Trajectory:
     return replace(run, status=Status.INACCURATE, message=wrong)
 
 
-def share_of_half(run: Trajectory, coarse: Trajectory, fine: Trajectory, order: int) -> float:
-    """Return what of the difference to the run in half the steps is the error; coarse: the run in twice the steps."""
+def share_of_third(run: Trajectory, coarse: Trajectory, fine: Trajectory, order: int) -> float:
+    """Return what of the difference to the third run is the error; coarse: the second."""
+    if "rtol" in run.info:
+        return OF_TENTH
     if order != 1:
         return OF_HALF
     far, near = (
@@ -186,13 +207,19 @@ def share_of_half(run: Trajectory, coarse: Trajectory, fine: Trajectory, order: 
     return OF_HALF if abs(near - 0.5 * far) < ORDERLY * far else OF_ROOT
 
 
-def share_with_rejections(run: Trajectory, begun: np.ndarray | None, share: float) -> float:
-    """Return the share, or 1 where discontinuities decide the steps; begun: the first state (size,)."""
-    if "steps" not in run.info or run.parts is None:  # fixed steps
+def share_by_steps(run: Trajectory, begun: Any, other: Trajectory, other_begun: Any, share: float) -> float:
+    """Return the share, or 1 where discontinuities or events decide the steps; begun: states given to both runs."""
+    if not {"steps"} <= run.info.keys() & other.info.keys() or run.parts is None:  # fixed steps
         return share
     counts = run.parts["step_control"][0] + np.array([pace.STEPS, pace.REJECTED])
-    taken, rejected = run.final[counts] - (0.0 if begun is None else np.asarray(begun)[counts])
-    return max(share, WHOLE_OF_IT) if rejected > MANY * taken else share
+    taken, rejected = _counted(run, begun, counts)
+    finer = other.status.complete and _counted(other, other_begun, counts)[0] > taken
+    return max(share, WHOLE_OF_IT) if rejected > MANY * taken or finer else share
+
+
+def _counted(run: Trajectory, begun: Any, counts: np.ndarray) -> np.ndarray:
+    first = begun.final if isinstance(begun, Trajectory) else begun
+    return run.final[counts] - (0.0 if first is None else np.asarray(first)[counts])
 
 
 def _difference(run: Trajectory, other: Trajectory, share: float) -> dict[str, np.ndarray]:

@@ -31,8 +31,8 @@ from .error_estimate import (
     SecondRun,
     edges_on_steps,
     second_run,
-    share_of_half,
-    share_with_rejections,
+    share_by_steps,
+    share_of_third,
     with_accuracy,
     with_channels,
     with_error_estimate,
@@ -319,16 +319,17 @@ def _with_second_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> lis
         coarse[k] = jobs[k]._replace(scene=second.scene, rtol=second.rtol, atol=second.atol, state=state)
     others = dict(zip(coarse, _simulate([*coarse.values()], more, how)))
     for k, other in others.items():
-        start = jobs[k].state.final if isinstance(jobs[k].state, Trajectory) else jobs[k].state
-        share = share_with_rejections(runs[k], start, seconds[k].share)
+        share = share_by_steps(runs[k], jobs[k].state, other, coarse[k].state, seconds[k].share)
         found[k] = with_error_estimate(runs[k], other, share, record)
     doubtful = {
-        k: jobs[k]._replace(scene=second.finer, rtol=None, atol=None)
+        k: jobs[k]._replace(**second.finer._asdict())
         for k, second in seconds.items()
         if second.finer is not None and found[k].message != runs[k].message and coarse[k].state is jobs[k].state
     }  # of those that go on from no second run, so that a third one may begin where they do
     for k, third in zip(doubtful, _simulate([*doubtful.values()], more, how)):
-        share = share_of_half(runs[k], others[k], third, jobs[k].scene.method.order)
+        if not third.status.complete:
+            continue
+        share = share_of_third(runs[k], others[k], third, jobs[k].scene.method.order)
         better = with_error_estimate(runs[k], third, share, record)
         found[k] = dataclasses.replace(better, second_final=found[k].second_final)
     return found

@@ -163,6 +163,12 @@ class CompiledScene:
         return max(max(servo.encoder_resolution, _punch(servo.controller)) for servo in servos)
 
     @property
+    def counts(self) -> bool:
+        """Whether a control law jumps: it counts angles or duty cycles, or has a punch."""
+        laws = [servo.controller for servo in self.model.servos.values()]
+        return self.largest_jump > 0 or (self.sampled and any(law.pwm_steps > 0 for law in laws))
+
+    @property
     def integrator(self) -> str:
         """Name of the integrator."""
         return self.method.name

@@ -22,6 +22,7 @@ from featherstone_gait import (
 )
 from featherstone_gait.benchmark.default_scenes import AX12_LAW
 from featherstone_gait.benchmark.scenes import unlimited
+from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.run.error_estimate import second_run, with_error_estimate
 
 ARM = unlimited(load_robot("arm7_spatial"))
@@ -251,6 +252,79 @@ def test_between_ticks_second_runs_take_two_steps_for_one():
     assert scene.integrator == "ars343"
     run = simulate(scene, 0.1, initial_state(scene, [0.0], [1.0]), Reference([0.0], [[1.0]]), rtol=0.1)
     assert run.error["q"].max() > 1e-9
+
+
+# --- no less than half, no false alarms ---------------------------------------------------------------------------
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("timestep", [5e-4, 1e-3, 2e-3])
+@pytest.mark.parametrize("what", ["current limit", "stop"])
+def test_midpoint_tells_half_of_its_error_at_discontinuities(what, timestep):
+    servos, stops = load_robot("ax12_arm"), pendulum(lower=-0.4, upper=0.4)
+    model, gearbox = (servos, "rotor") if what == "current limit" else (stops, None)
+    scene, exactly = (
+        compile_scene(model, gearbox, integrator=name, timestep=timestep) for name in ("midpoint", "extrapolation")
+    )
+    told = []
+    for x in np.linspace(0.5, 1.5, 12):
+        goal = {"reference": Reference([0.0], [[x]])} if gearbox else {"state": initial_state(scene, [0.0], [2.0 * x])}
+        run = simulate(scene, 0.5, **goal)
+        if not gearbox:
+            goal["state"] = initial_state(exactly, [0.0], [2.0 * x])
+        true = np.abs(run["q"] - simulate(exactly, 0.5, **goal, rtol=1e-9, estimate_error=False)["q"]).max()
+        told.append(run.error["q"].max() / true)
+    assert np.sort(told)[1] > 0.5
+    assert np.median(told) < 6.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("steps", [{"pwm_steps": 1023.0}, {"encoder_resolution": math.radians(300.0 / 1023.0)}])
+def test_laws_in_counts_tell_half_of_their_error(steps):
+    model = with_servo(load_robot("ax12_arm"), "ax12", **steps)
+    scene, exactly = compile_scene(model, "rotor"), compile_scene(model, "rotor", integrator="extrapolation")
+    told = []
+    for x in np.linspace(0.2, 1.5, 24):
+        goal = {"reference": Reference([0.0], [[x]])}
+        run, exact = simulate(scene, 1.0, **goal, rtol=1e-4), simulate(exactly, 1.0, **goal, rtol=1e-9)
+        told.append(run.error["q"].max() / np.abs(run["q"] - exact["q"]).max())
+    assert np.sort(told)[1] > 0.5
+    assert np.median(told) < 2.0
+
+
+def test_a_law_in_counts_is_compared_with_a_finer_run():
+    arm = load_robot("ax12_arm")
+    for servo, share in ((arm, 0.35), (with_servo(arm, "ax12", pwm_steps=1023.0), 1.0)):
+        other = second_run(compile_scene(servo, "rotor"), 1e-4, 1e-4, None)
+        assert other.share == share
+        assert other.rtol == pytest.approx(1e-3 if share < 1.0 else 1e-5)
+
+
+@pytest.mark.long
+def test_records_that_end_all_steps_hide_no_error():
+    scene, exactly = (compile_scene(pendulum(damping=0.0), integrator=name) for name in ("extrapolation", "dop853"))
+    for angle in (1.0, 2.5, 3.1):
+        start = initial_state(scene, [angle])
+        run, exact = simulate(scene, 10.0, start, rtol=1e-4), simulate(exactly, 10.0, start, rtol=1e-12)
+        true = np.abs(run["q"] - exact["q"]).max()
+        assert 0.5 * true < run.error["q"].max() < 3.0 * true
+
+
+@pytest.mark.long
+def test_smooth_motions_that_are_right_are_seldom_called_inaccurate():
+    """Pendulums without friction for ten seconds, from small swings to turning over."""
+    scene, right, called = compile_scene(pendulum(damping=0.0)), 0, 0
+    for angle in np.linspace(0.2, 3.0, 15):
+        start = initial_state(scene, [angle])
+        exact = simulate(scene, 10.0, start, rtol=1e-12, estimate_error=False)
+        for rtol in (1e-4, 1e-5, 1e-6):
+            run = simulate(scene, 10.0, start, rtol=rtol)
+            true = np.abs(run["q"] - exact["q"]).max()
+            assert run.status == "inaccurate" or true < 1.5e-3
+            right += true < 1e-3
+            called += true < 1e-3 and run.status == "inaccurate"
+    assert right > 25
+    assert called <= 0.05 * right
 
 
 # --- what is chosen ------------------------------------------------------------------------------------------------

@@ -105,7 +105,7 @@ def extrapolate(work, run, y, t, length):
         start[i] = y[i]
     rejected = False
     while True:
-        h = in_time(pace[STEP], length)
+        h = in_time(min(pace[STEP], _longest(run.plan.second_run, pace)), length)
         count = min(max(int(pace[COLUMNS]), 2), _most_columns(implicit))
         error, skipped = 1e300, _sweep(implicit, run, t, h, count)
         if skipped <= 1.0:
@@ -141,6 +141,13 @@ def extrapolate(work, run, y, t, length):
                 pace[STEP] = max(pace[STEP], 1.2 * least)
         if not pace[STEP] > run.plan.least_step:
             return 0.0
+
+
+@inline
+def _longest(second_run, pace):
+    """Return the longest step [s]: a second run takes two where events let the first take one, or both were alike."""
+    interval = pace[UNTIL] - pace[SINCE]
+    return 0.5 * interval if second_run else 2.0 * interval
 
 
 @inline
