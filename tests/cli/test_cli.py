@@ -162,6 +162,21 @@ def test_the_setup_of_a_robot_is_the_same_for_all_commands():
 PRESETS = servo_names()
 
 
+@pytest.mark.quick("info")
+@pytest.mark.parametrize("command", ["info", "simulate"])
+def test_position_actuators_of_mjcf_count_as_rigid(command, tmp_path, capsys):
+    pytest.importorskip("mujoco")
+    body = '<body pos="0 0 0.2"><freejoint/><geom type="box" size=".1 .1 .02" mass="1"/><body pos="0 0 -.1">'
+    body += '<joint name="knee" axis="0 1 0"/><geom type="box" size=".1 .1 .01" pos="0 0 -.05" mass=".2"/></body>'
+    drive = '<actuator><position joint="knee" kp="20" kv="1"/></actuator>'
+    floor = '<geom type="plane" size="0 0 .01"/>'
+    world = f"<worldbody>{floor}{body}</body></worldbody>"
+    (tmp_path / "hopper.xml").write_text(f"<mujoco>{world}{drive}</mujoco>", "utf-8")
+    assert cli.main([command, str(tmp_path / "hopper.xml"), "--out", str(tmp_path)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert ("rotor *" if command == "info" else "gearbox rotor: the gears are rigid") in said
+
+
 @pytest.mark.quick("info-mx64", "info-ax12", "servos-*")
 @pytest.mark.parametrize("servo", PRESETS)
 @pytest.mark.parametrize("command", ["info", "servos", "simulate"])

@@ -413,6 +413,17 @@ def test_keywords_of_the_first_version_work_with_a_warning(tmp_path):
 
 
 @pytest.mark.long
+def test_the_first_gait_is_measured_with_own_servos_whose_gears_are_rigid(cost):
+    """Though the servos of the search have elastic ones."""
+    own = with_servo(cost.scene.model, "xm430")
+    assert cost.scene.gearbox == "mipsd"
+    found = measure.measure_with_own_servos(own, cost)
+    assert found["servo"] == "xm430"
+    known = replace(cost, scene=cost.scene.recompiled(own, gearbox="rotor"))
+    assert found["status"] == known.measure([cost.gait.to_vector()])[0].status
+
+
+@pytest.mark.long
 def test_the_job_walks_its_gait_in_mujoco_if_asked(tmp_path, monkeypatch, capsys):
     """On two floors here: the twelve take minutes."""
     for name in [*FLOORS]:
