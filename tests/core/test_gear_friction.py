@@ -105,6 +105,25 @@ def test_every_model_follows_its_reference(name, case):
             assert error < (limit if run.status == "ok" else 3e-3)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("case", ["step", "fall", "slow ramp"])
+def test_two_references_of_m6_agree_and_runs_approach_them(case):
+    """One by an explicit method, one by an implicit one; of the runs half are within a hundred tolerances."""
+    model, reference, drive, armature, start, duration = setting(case, M6)
+    times = np.linspace(0.0, duration, 11)
+    angles, radau = (
+        course(M6, armature, J, load, drive, start, times, method=name)[0] for name in ("DOP853", "Radau")
+    )
+    assert np.abs(angles - radau).max() < 2e-9
+    scene = compile_scene(model, "rotor", integrator="extrapolation")
+    state, errors = initial_state(scene, [start[0]]), []
+    for rtol in np.geomspace(1e-8, 1e-9, 9):
+        run = simulate(scene, duration, state, reference, record_interval=duration / 10, rtol=rtol)
+        assert run.ok
+        errors.append(np.abs(run["q"][:, 0] - angles).max() / rtol)
+    assert np.median(errors) < 100.0
+
+
 LONG = [
     pytest.param(kind, integrator, marks=pytest.mark.long)
     for kind, integrator in (

@@ -34,7 +34,7 @@ def friction(p, side, v, t_m, load, A, J, static):
     return brentq(missing, *sorted((0.0, -side * 1e3)), xtol=1e-15, rtol=1e-14)
 
 
-def course(p, A, J, load, motor, start, times, static=False):
+def course(p, A, J, load, motor, start, times, static=False, method="DOP853"):
     """Angles [rad] at the times, from (angle, speed); load(q) [N m], motor(t, q, v) [N m].  Also the events' times.
 
     static: t_e is the load of a joint that does not accelerate, not what goes through the gear.
@@ -69,7 +69,7 @@ def course(p, A, J, load, motor, start, times, static=False):
             side = math.copysign(1.0, y[1] if y[1] else motor(t, y[0], 0.0) + load(y[0]))
             function, event = rates(side), rests
             rests.direction = -side
-        run = solve_ivp(function, (t, times[-1]), y, "DOP853", None, True, event, rtol=1e-11, atol=1e-12, max_step=0.05)
+        run = solve_ivp(function, (t, times[-1]), y, method, None, True, event, rtol=1e-11, atol=1e-12, max_step=0.05)
         part = (times >= t) & (times <= run.t[-1])
         if part.any():
             angles[part] = run.sol(times[part])[0]
