@@ -135,7 +135,8 @@ def edges_on_steps(
         if isinstance(signal, Reference) and (signal.values != signal.values[0]).any():
             times.append(signal.times)
             periods += [float(signal.times[-1] - signal.times[0])] * signal.cyclic
-    edges = np.array([t - begin for t in np.concatenate([[], *times]).tolist() if periods or 0.0 < t < math.inf])
+    ends = (t for t in np.concatenate([[], *times]).tolist() if math.isfinite(t) and (periods or t > begin))
+    edges = np.array([t - begin for t in ends])
     steps = np.append(edges, periods) / scene.timestep
     return next((n for n in (2, 1) if (np.abs(steps - n * np.round(steps / n)) < ON_STEP).all()), 0)
 

@@ -233,4 +233,7 @@ def test_edges_lie_on_steps_or_within_them():
     assert found(0.0, 0.1, 0.3003, cyclic=True) == 0
     assert edges_on_steps(scene, 0.0, (), Reference([0.0, 0.3003], [[1.0], [1.0]])) == 2
     assert edges_on_steps(scene, 0.0, [Push("car")]) == 2
+    wave = Reference([0.0, 0.1, 0.2], [[0.0], [1.0], [0.0]], cyclic=True)
+    assert edges_on_steps(scene, 0.0, [Push("car")], wave) == 2
+    assert edges_on_steps(scene, 0.3, [Push("car", start=0.1, end=0.2003)]) == 2
     assert edges_on_steps(scene, 0.0, [Push("car", start=0.1, end=0.2003)]) == 0
