@@ -155,7 +155,7 @@ def wraps(model: Model, servos: list[Servo | None]) -> np.ndarray | None:
     """
     table = np.array([float(servo is not None and servo.controller.wrap) for servo in servos])
     for joint, wrapped in zip(model.moving_joints, table):
-        if wrapped and (joint.type == "prismatic" or joint.upper - joint.lower < math.inf):
+        if wrapped and (joint.type == "prismatic" or min(-joint.lower, joint.upper) < math.inf):
             found = "prismatic" if joint.type == "prismatic" else f"limited to {joint.lower:g} ... {joint.upper:g} rad"
             raise ValueError(
                 f"{model.name}: joint {joint.name} is {found} and its servo has wrap; only a joint without limits goes "

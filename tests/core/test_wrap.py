@@ -111,7 +111,7 @@ def test_it_is_read_from_toml(tmp_path):
 
 
 def test_joints_that_cannot_turn_round_are_refused():
-    for kind, limits in (("revolute", {"lower": -1.0, "upper": 1.0}), ("prismatic", {})):
+    for kind, limits in (("revolute", {"lower": -1.0, "upper": 1.0}), ("revolute", {"upper": 1.0}), ("prismatic", {})):
         with pytest.raises(ValueError, match=r"joint turn is .* wrap"):
             compile_scene(disk(pd(), kind, **limits), "rotor")
     with pytest.raises(ValueError, match="pid_speed"):
