@@ -13,7 +13,7 @@ from ..core.step import pace
 from ..core.step.context import Plan
 from ..scene.compile import CompiledScene
 from .compiled_run import CompiledRun
-from .prepare import LEAST_STEP
+from .prepare import least_step
 from .status import OF_CODE, Status
 from .trajectory import Trajectory
 
@@ -71,7 +71,7 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
     name, end = scene.model.name, float(y[scene.layout["end_time"]])
     message = f"{name} {status} at {end:.4g} s"
     if status is Status.STEP_TOO_SMALL:
-        message = f"{name}: the tolerance asks for steps below {LEAST_STEP:g} s at {end:.4g} s"
+        message = f"{name}: the tolerance asks for steps below {least_step(scene):.2g} s at {end:.4g} s"
     if status is Status.TOO_COSTLY:
         taken, rejected = y[slice(*scene.part("step_control"))][[pace.STEPS, pace.REJECTED]]
         least, by = scene.preflight.worst, "discontinuities or fast motion limit them"

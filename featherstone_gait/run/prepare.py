@@ -20,7 +20,7 @@ from .compiled_run import CompiledRun
 from .program import CompiledController, with_ticks
 from .start import check_scene
 
-LEAST_STEP = 1e-9  # of error control [s]
+LEAST_SHARE = 1e-3  # of the limit of explicit steps, that the least step of error control is at most
 BUDGET, BUDGET_RATE = 2e6, 2e4  # of its steps, with those rejected: minutes of computing, and as many a second more
 MOST_STEPS = 10**9  # of a run: hours
 MOST_NUMBERS = 2**28  # that a run records: 2 GiB
@@ -50,7 +50,7 @@ def prepare(
         integrated = o["after_integrated" if works else "after_controlled"]
         rtol = scene.rtol if rtol is None else rtol
         atol = rtol if atol is None else atol
-        plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
+        plan = plan._replace(rtol=rtol, atol=atol, least_step=least_step(scene), integrated=integrated)
         plan = plan._replace(second_run=scene.method.second_run, budget=budget(plan.steps * plan.h))
     record = recorded(scene, record)
     run = CompiledRun(scene.pushed(pushes), plan, record, *_stored(scene, record), controller=controller)
@@ -60,6 +60,11 @@ def prepare(
             "numbers: shorten the duration, record fewer channels, or pass a longer record_interval [s]"
         )
     return run
+
+
+def least_step(scene: CompiledScene) -> float:
+    """Return the shortest step that error control may take [s]."""
+    return min(scene.method.least_step, LEAST_SHARE * scene.preflight.sliding_step)
 
 
 def budget(seconds: float) -> float:

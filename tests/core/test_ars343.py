@@ -198,3 +198,18 @@ def test_a_push_that_begins_where_a_tick_does_is_no_obstacle(start):
     assert np.abs(run["q"] - exact["q"]).max() < 1e-3
     spared = simulate(scene, 1.0, reference=reference, estimate_error=False)
     assert np.abs(exact["q"] - spared["q"]).max() > 1e-3
+
+
+@pytest.mark.parametrize(("inertia", "kp", "kv"), [(1e-8, 60.0, 1.0), (1e-9, 60.0, 1.0), (1e-9, 0.04, 1e-6)])
+def test_a_light_link_follows_a_stiff_drive_from_a_step(tmp_path, inertia, kp, kv):
+    """The angle is that of the linear oscillator, whose fast mode lasts down to a nanosecond."""
+    file = tmp_path / "finger.xml"
+    file.write_text(
+        f'<mujoco><worldbody><body><joint name="j"/><inertial pos="0 0 0" mass="1e-4" diaginertia="{inertia} {inertia} '
+        f'{inertia}"/></body></worldbody><actuator><position joint="j" kp="{kp}" kv="{kv}"/></actuator></mujoco>'
+    )
+    run = simulate(compile_scene(load_robot(file), "rotor"), 0.1, reference=Reference([0.0], [[0.7]]))
+    slow, fast = np.roots([inertia, kv, kp])[::-1]
+    exact = 0.7 * (1.0 - (fast * np.exp(slow * run["time"]) - slow * np.exp(fast * run["time"])) / (fast - slow))
+    assert run.ok
+    np.testing.assert_allclose(run["q"][:, 0], exact.real, atol=1e-5)

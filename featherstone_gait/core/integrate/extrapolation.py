@@ -630,4 +630,6 @@ def _workspace(sizes, zeros):
     )
 
 
-EXTRAPOLATION = Integrator("extrapolation", LONGEST, _workspace, adaptive=True, folds_spring=True)
+EXTRAPOLATION = Integrator(
+    "extrapolation", LONGEST, _workspace, adaptive=True, folds_spring=True, least_step=1e-9
+)  # it locates discontinuities by the least step

@@ -42,6 +42,7 @@ class Integrator(NamedTuple):
     adaptive: bool = False  # chooses its steps by their error
     rtol: float = RTOL
     strictest: float = 0.0  # tolerance below which another method is taken where none is named
+    least_step: float = 1e-15  # that error control may take [s]
     second_run: bool = False  # at ten times the tolerance of a first run, whose error it estimates
     stability: float = math.inf  # largest stable step over the limit of semi-implicit Euler, of dampers and of springs
     ties: float = 1.0  # the same of an implicit method for springs between bodies, which it takes explicitly
