@@ -22,7 +22,7 @@ from defusedxml.ElementTree import fromstring
 
 from ..model.shapes import Mesh
 from .hull import Corners, corners_of, hull_indices
-from .mesh_size import check_dae, check_gltf
+from .mesh_size import check_dae, check_gltf, tag_of
 
 MAX_BYTES = 100_000_000  # of one file
 KINDS = (".stl", ".obj", ".dae", ".glb", ".gltf")
@@ -214,12 +214,12 @@ def _without_colors(path: Path, data: bytes) -> tuple[bytes, float]:
         raise ValueError(f"{path}: cannot be read as DAE: {error}; export the mesh again") from error
     if not 0.0 < unit < math.inf:
         raise ValueError(f"{path}: a unit of {unit!r} m; expected > 0: correct <unit meter=...>")
-    return _without(root, lambda child: _tag(child) in COLORS), unit
+    return _without(root, lambda child: tag_of(child) in COLORS), unit
 
 
 def _is_texture(child: Element) -> bool:
     """Return whether an element of a DAE states a texture."""
-    return _tag(child) in TEXTURES or any(_tag(x) == "texture" for x in child)
+    return tag_of(child) in TEXTURES or any(tag_of(x) == "texture" for x in child)
 
 
 def _without(root: Element, drop: Callable[[Element], bool]) -> bytes:
@@ -265,7 +265,3 @@ def _without_textures(content: Any) -> Any:
     if isinstance(content, dict):
         return {key: _without_textures(value) for key, value in content.items() if not key.endswith("Texture")}
     return [_without_textures(item) for item in content] if isinstance(content, list) else content
-
-
-def _tag(element: Element) -> str:
-    return element.tag.rpartition("}")[2]

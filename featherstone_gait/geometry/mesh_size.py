@@ -29,9 +29,9 @@ def check_dae(root: Element) -> None:
     by_id = {node.get("id", ""): node for node in nodes}
     inside, own = {}, {}
     for node in nodes:
-        linked = (by_id.get(_target(child)) for child in node if _tag(child) == "instance_node")
-        inside[node] = [*(child for child in node if _tag(child) == "node"), *(x for x in linked if x is not None)]
-        placed = [sizes[_target(child)] for child in node if _tag(child) in PLACED]
+        linked = (by_id.get(_target(child)) for child in node if tag_of(child) == "instance_node")
+        inside[node] = [*(child for child in node if tag_of(child) == "node"), *(x for x in linked if x is not None)]
+        placed = [sizes[_target(child)] for child in node if tag_of(child) in PLACED]
         own[node] = (1 + len(placed), sum(placed))
     _check(*_unfolded(scenes, inside, own))
 
@@ -87,12 +87,13 @@ def _check(instances: int, triangles: int) -> None:
 
 
 def _all(root: Element, tag: str) -> list[Element]:
-    return [element for element in root.iter() if _tag(element) == tag]
+    return [element for element in root.iter() if tag_of(element) == tag]
 
 
 def _target(element: Element, attribute: str = "url") -> str:
     return element.get(attribute, "").removeprefix("#")
 
 
-def _tag(element: Element) -> str:
+def tag_of(element: Element) -> str:
+    """Return the tag of an element without its namespace."""
     return str(element.tag).rpartition("}")[2]

@@ -14,4 +14,4 @@ GEARBOX_KINDS: tuple[GearboxKind, ...] = get_args(GearboxKind)
 
 def why_chosen(kind: GearboxKind) -> str:
     """Say in words of the command line why a kind was chosen where none is named."""
-    return f"{kind}: the gears are {'elastic' if kind == 'mipsd' else 'rigid'} (--gearbox)"
+    return f"{kind}: {'all' if kind == 'mipsd' else 'not all'} gears are elastic (--gearbox)"
