@@ -55,14 +55,16 @@ def _idle_flaws(robot: str, bodies: list[RigidBody], floating: bool, couplings: 
         text = f"robot {robot!r} has {len(bodies) - 1} moving joints and bodies without inertia of their own"
         return [Flaw("robot", f"{text}; at most {MAX_JOINTS} are checked: give each body its mass and inertia")]
     first = 0 if floating else 6  # the base's six coordinates come first
-    for q in _postures(bodies, couplings()):
+    for k, q in enumerate(_postures(bodies, couplings())):
         H, size = (part[(slice(first, None),) * part.ndim] for part in mass_matrix(rows_of(bodies), q))
-        flaws = [_idle_flaw(bodies, first + int(k), H[k, k]) for k in idle(H, size)]
+        flaws = [_idle_flaw(bodies, first + int(row), H[row, row]) for row in idle(H, size)]
         if not flaws and len(H):
             least, share = loosest(H)
             flaws = [] if least > TOLERANCE else [_loose_flaw(bodies, first, share, least)]
         if flaws:
-            return flaws
+            zero = "joints at zero, or the nearest that their limits allow"
+            where = zero if k == 0 else f"joints at {q[1:].round(3)}"
+            return [flaw._replace(text=f"{flaw.text} (found with the {where})") for flaw in flaws]
     return []
 
 
