@@ -9,6 +9,10 @@ least squares (`scipy.optimize.least_squares`) brings the simulated angles to th
 of L. Ljung, "System Identification", 2nd ed. (1999).  Parameters are fitted as logarithms, so they stay positive; where
 each recording starts within its first encoder count is fitted too, if `start_range` says how wide that is.
 
+Counts.  With a servo that counts angles or voltages the errors are a staircase of the parameters: their differences are
+noise, and a search by them ends where it began.  So slopes are those without counts, and the search begins at the
+optimum without counts; errors are those with counts.
+
 Intervals.  With J the Jacobian of the residuals e, the covariance of textbooks is s^2 (J'J)^-1.  It takes residuals as
 independent, which those of a servo are not: noise and encoder steps go round the control loop, and what the model
 lacks lasts for many samples.  So s^2 J'J in the middle of the sandwich (J'J)^-1 (s^2 J'J) (J'J)^-1 is replaced by the
@@ -45,6 +49,7 @@ from .estimate import Blocks, Errors, Fit, covariances, quantile
 from .recording import EARLY, LARGEST_ANGLE, Recording, check_names, check_recordings
 
 FIXED = ("period", "encoder_resolution", "pwm_steps", "delay")  # the simulation is no smooth function of these
+UNCOUNTED = {"encoder_resolution": 0.0, "pwm_steps": 0.0}
 RANGE = 1e3  # factor either way within which a parameter is searched
 LOG_STEP = 1e-3  # of the central differences, relative
 START_STEP = 1e-3  # of those of the start angles [rad]
@@ -166,9 +171,12 @@ def identify(
     reach = np.array([math.log(RANGE)] * count + [start_range] * own)
     steps = np.array([LOG_STEP] * count + [START_STEP] * own)
     with progress_bar(progress=progress, desc="identify", unit="evaluation") as bar:
-        errors = Errors(work.errors, bar.update)
-        slopes = lambda x: errors.slopes(x, steps, central=True, own=own)  # noqa: E731
-        found = least_squares(errors, x, slopes, (x - reach, x + reach), x_scale="jac", ftol=1e-7)
+        smooth, errors = Errors(work.smooth().errors, bar.update), Errors(work.errors, bar.update)
+        slopes = lambda x: smooth.slopes(x, steps, central=True, own=own)  # noqa: E731
+        bounds = x - reach, x + reach
+        if work.counts:
+            x = least_squares(smooth, x, slopes, bounds, x_scale="jac", ftol=1e-7).x
+        found = least_squares(errors, x, slopes, bounds, x_scale="jac", ftol=1e-7)
     lengths = [len(recording.time) for recording in recordings for _ in range(2 if voltage_weight else 1)]
     textbook, robust, independent = covariances(found.jac, found.fun, lengths)
     spread, textbook = (np.sqrt(np.diag(matrix)[:count]) for matrix in (robust, textbook))
@@ -190,7 +198,7 @@ def identify(
         model=changed(models[0], **values),
         independent_samples=independent,
         converged=bool(found.success),
-        evaluations=errors.evaluations,
+        evaluations=errors.evaluations + smooth.evaluations,
     )
 
 
@@ -318,6 +326,20 @@ class _Simulations:
     gearbox: GearboxKind
     voltage_weight: float
     timestep: float
+
+    @property
+    def counts(self) -> bool:
+        """Whether a servo counts angles or voltages, so that the errors are a staircase of the parameters."""
+        both = zip(self.models, self.recordings)
+        servos = [servo_with(model.servos[model.joint_names[0]], r.settings) for model, r in both]
+        return any(servo.encoder_resolution or servo.controller.pwm_steps for servo in servos)
+
+    def smooth(self) -> _Simulations:
+        """Return the same without counts, whose errors have slopes."""
+        if not self.counts:
+            return self
+        recordings = [replace(one, settings={**one.settings, **UNCOUNTED}) for one in self.recordings]
+        return replace(self, recordings=recordings)
 
     def simulated(self, x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return angle and voltage of each recording."""

@@ -74,6 +74,19 @@ def test_exact_recordings_give_the_parameters_back(arm, exact):
     assert result.rms.max() < 1e-6
 
 
+def test_a_servo_that_counts_is_found_from_any_start(arm, exact):
+    """Counts make the errors a staircase.  From starts that are 3 and 1/3 of the truth the fit ends at the truth."""
+    counted = changed(arm, encoder_resolution=COUNT, pwm_steps=1023.0, **TRUTH)
+    motions = [Recording(r.name, r.time, r.reference, r.angle, settings=r.settings) for r in exact[:2]]
+    seen = [replace(r, angle=q) for r, (q, _) in zip(motions, predict(counted, motions, timestep=STEP))]
+    names = ["motor_constant", "viscous_friction"]
+    for factor in (3.0, 1 / 3):
+        start = changed(counted, viscous_friction=factor * TRUTH["viscous_friction"])
+        found = identify(start, seen, names, timestep=STEP)
+        for name in names:
+            assert found.values[name] == pytest.approx(TRUTH[name], rel=0.02), name
+
+
 def test_voltages_alone_tell_the_gain(arm, exact):
     """With a gain that the recordings do not state."""
     motions = [Recording(r.name, r.time, r.reference, r.angle, r.voltage) for r in exact[:2]]
