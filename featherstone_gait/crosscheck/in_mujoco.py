@@ -483,8 +483,9 @@ def _body(spec: Any, point: ContactPoint) -> Any:
 
 
 def _plane(points: Sequence[ContactPoint]) -> np.ndarray | None:
-    """Return the normal (3,) of the plane of three or more contact points of equal radius; None if there is none."""
-    if len(points) < 3 or any(point.circle_radius or point.radius != points[0].radius for point in points):
+    """Return the normal (3,) of the plane of three or more like contact points; None if there is none."""
+    kinds = {(point.radius, point.friction) for point in points}
+    if len(points) < 3 or len(kinds) > 1 or any(point.circle_radius for point in points):
         return None
     off = np.array([point.position for point in points])
     off = off - off.mean(axis=0)
@@ -499,7 +500,8 @@ def _box(link: Link, contacts: Sequence[ContactPoint]) -> tuple[np.ndarray, np.n
     """
     normal = _plane(contacts)
     if normal is None:
-        raise ValueError(f"link {link.name!r}: its {len(contacts)} contact points span no plane; use soles of spheres")
+        found = f"its {len(contacts)} contact points differ, or span no plane"
+        raise ValueError(f"link {link.name!r}: {found}; use soles of spheres")
     points = np.array([point.position for point in contacts])
     above = normal @ (np.array(link.center_of_mass) - points.mean(axis=0))
     normal = normal if above >= 0.0 else -normal

@@ -235,6 +235,9 @@ def _check(model: Model, servos: Sequence[Servo], h: float) -> None:
     sticks = any(servo.coulomb_friction > 0.0 and not is_gentle(servo, h) for servo in servos)
     lacking += ["dry friction that grows within a step"] * sticks
     lacking += ["joints held elsewhere than at 0"] * any(model.held.values())
+    lacking += ["springs of joints"] * any(joint.stiffness > 0.0 for joint in model.moving_joints)
+    lacking += ["gravity compensation"] * any(link.gravity_compensation != 0.0 for link in model.links)
+    lacking += ["contact points with friction of their own"] * any(p.friction is not None for p in model.contacts)
     if lacking:
         raise ValueError(f"{model.name}: the replay in Bullet lacks {lacking[0]}; leave it out of the robot")
 

@@ -115,6 +115,14 @@ def test_a_robot_that_the_replay_lacks_is_refused(scene):
         model = replace(scene.model, servos=dict.fromkeys(names, servo))
         with pytest.raises(ValueError, match=f"lacks {what}"):
             Machine(compile_scene(model, "mipsd"), None)
+    parts = {
+        "springs of joints": {"joints": [replace(j, stiffness=1.0) for j in scene.model.joints]},
+        "gravity compensation": {"links": [replace(link, gravity_compensation=0.5) for link in scene.model.links]},
+        "contact points": {"contacts": [replace(point, friction=0.2) for point in scene.model.contacts]},
+    }
+    for what, changed in parts.items():
+        with pytest.raises(ValueError, match=f"lacks {what}"):
+            Machine(compile_scene(replace(scene.model, **changed), "mipsd"), None)
 
 
 # ---------------------------------------------------------------------------------------------- the table
