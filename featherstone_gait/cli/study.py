@@ -22,7 +22,7 @@ from .arguments import Commands, add_command, add_quiet
 def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(commands, run, __doc__)
-    file = "the study; help(featherstone_gait.study) in Python lists its settings"
+    file = "the study; help('featherstone_gait.study') in Python lists its settings"
     parser.add_argument("file", type=Path, metavar="FILE.toml", help=file)
     parser.option("--batch", "runs per batch (default: 8, in large studies 64)", type=int, metavar="N")
     cluster = "run on the dask scheduler at this address (default: on this machine's cores)"

@@ -47,6 +47,9 @@ _CONVENTIONS = {
 def to_engine(engine: Engine, model: Model, q: ArrayLike, qd: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Write states of this package in the coordinates of another engine.
 
+    Joints stay in the order of `Model.joint_names`.  An engine may list them in another one: Pinocchio takes the
+    branches of a URDF by the alphabet, so compare the names.
+
     Parameters
     ----------
     engine : {"mujoco", "pinocchio", "drake"}

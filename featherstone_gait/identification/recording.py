@@ -107,6 +107,13 @@ def read_recording(path: FilePath, **settings: float) -> Recording:
     on = [_ON] if _ON in heads else []
     named = [heads.get(name, (name, 1.0)) for name in COLUMNS]
     texts = [text for text, _ in named]
+    missing = [column for column in COLUMNS[:3] if column not in heads]
+    if missing:
+        meant = "; ".join(f"{' or '.join(names)} in {', '.join(units)}" for names, units in _MEANT.values())
+        raise ValueError(
+            f"{path}, line 1: column {missing[0]!r} is missing; head the columns NAME [UNIT], separated by commas: "
+            f"{meant} ({COLUMNS[3].split()[0]} may be left out)"
+        )
     table, lines = read_columns(path, FORMAT, [*texts[:3], *on], texts[3:], LEAST_SAMPLES, others=True)
     for text, factor in named[1:3]:
         k = int(np.abs(table[text]).argmax())

@@ -98,7 +98,8 @@ class CompiledRun:
         check_followers(scene.model, scene.tree.coupling, y[o["q"] : o["q"] + n], y[o["qd"] : o["qd"] + n])
         follows = scene.constants.actuator is not None or self.torques_written
         if reference is not None and not follows:
-            raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with gearbox=...")
+            remedy = "compile the scene with gearbox=..., or give torques as tau="
+            raise ValueError(f"{scene.model.name}: a reference needs servos; {remedy}")
         if reference is None and follows:
             reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
         if reference is not None and not isinstance(reference, Reference):

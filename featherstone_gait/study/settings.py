@@ -337,6 +337,11 @@ def _value(name: str, value: Any) -> Any:
 
 
 def _axes(vary: dict, experiment: str, sampling: dict, drawn: bool) -> dict[str, Axis]:
+    if not {"links", "link", "joints", "joint"}.isdisjoint(vary):
+        raise ValueError(
+            "vary: numbers of links and joints are drawn at random, under [worlds]; to try certain values, give a "
+            "robot file and a study for each"
+        )
     check_keys(vary, SECTIONS, "vary")
     found = {name: _axis(name, value, sampling) for name, value in _parameters(vary, experiment, "vary.")}
     if not found and not drawn:

@@ -265,10 +265,12 @@ def cheapest_plan(
     kinds = [re.sub(r"\d+(\.\d+)?", "0", trial.status) for trial in trials]  # the same, but for numbers
     most = max(dict.fromkeys(kinds), key=kinds.count)
     fixed = ", ".join(f"{name} {shown(value)}" for name, value in held.items())
+    reason = trials[kinds.index(most)].status
+    stronger = "" if "cannot reach" in reason else "stronger servos, "
     raise ValueError(
         f"{scene.model.name}: none of {len(trials)} planned walks{f' with {fixed}' if fixed else ''} can be walked, "
-        f"{kinds.count(most)} of them for this: {trials[kinds.index(most)].status}; give stronger servos, more plans "
-        "or another box of them, or numbers of a walk that is known to work"
+        f"{kinds.count(most)} of them for this: {reason}; give {stronger}more plans or "
+        "another box of them, or numbers of a walk that is known to work"
     )
 
 

@@ -132,6 +132,7 @@ def test_random_runs_depend_on_the_seed_alone(tmp_path):
         (ARM, ["vary is empty"]),
         (GRID.replace("servo.Kp", "servo.kp"), ["vary.servo.kp", "servo.Kp"]),
         (GRID.replace("servo.Kp", "motor.Kp"), ["unknown key 'motor'", "servo"]),
+        (GRID.replace("servo.Kp", "links.mass"), ["links", "[worlds]", "robot"]),
         (GRID.replace("posture.tilt", "gait.period"), ["gait.period", "hold"]),
         (GRID.replace('"hold"', '"stable_step"').replace("servo.Kp", "scene.timestep"), ["timestep", "stable_step"]),
         (GRID.replace("20.0", "-20.0"), ["vary.servo.Kp = -20.0", ">= 0", "V/rad"]),
