@@ -1,32 +1,8 @@
 """Estimate the global error of a run from a second run in other steps.
 
-Error control: the second run has `COARSER` times the tolerance.  Where errors are proportional to the tolerance, the
-difference of the two runs is some nine errors of the run.  Discontinuities and chaos leave a smaller difference, so a
-larger `SHARE` of it than a ninth is taken for the error.  Where ticks or records end the steps before the tolerance
-does, `ars343` and `extrapolation` take two in the second run, and the difference is most of the error: a second run
-that takes more steps than the first is the finer one, and the whole difference is taken.  Where
-discontinuities decide the steps, so that many are rejected, errors hardly fall with the tolerance, and the whole
-difference is taken.  Where steps are long, errors fall faster than the tolerance, and that overrates the run: one that
-it makes inaccurate gets a third run at a tenth of the tolerance, whose verdict counts.  A control law in counts jumps
-by one where the smallest error decides; both runs may jump alike, and the true motion otherwise.  There the second run
-has a tenth of the tolerance at once, and the whole difference is the error.
-
-Fixed steps h: the second run takes steps of 2 h.  The difference is 2^p - 1 errors of the run at order p, and less at
-discontinuities of any order: an error that falls with the root of h is 2.4 differences.  That is taken at order 1, 1.2
-at order 2, and 0.38 at order 4, which makes smooth runs look four to six times as wrong as they are.  Where 2 h does
-not fit between ticks, records or edges of signals, or is unstable, the second run takes steps of h / 2, and the error
-is twice the difference.  A run that the second run makes inaccurate gets a third run in steps of h / 2, whose verdict
-counts: on stiff stops errors grow faster than any power of h.  Where at order 1 the difference to the third run is not
-half of that to the second, discontinuities may hide in both, and the error is 3.4 times the difference, as if it fell
-with the root of h.
-
-A fixed step takes the mean of what changes within it: a short push keeps its impulse, but acts up to a step too early
-or too late, and steps of other lengths may misplace it by as much.  Where a push, a torque, or a reference that is
-followed at every instant, changes within steps, the second run therefore has error control.  It ends its steps there,
-and the whole difference is the error.
-
-`dop853` cannot resolve steep dry friction and spreads it over a range of speeds about rest.  Its second run doubles
-that range: if the effect is proportional to the range, the difference is the whole effect.
+The error is a share of the difference of the two runs.  `docs/theory/error_control.md` has a table of second runs and
+shares, with the reasons.  A run that the second run makes inaccurate gets a third one, whose verdict counts: on stiff
+stops errors grow faster than any power of the step, and where steps are long they fall faster than the tolerance.
 """
 
 from __future__ import annotations
