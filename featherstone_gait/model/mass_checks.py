@@ -63,7 +63,7 @@ def _idle_flaws(robot: str, bodies: list[RigidBody], floating: bool, couplings: 
             flaws = [] if least > TOLERANCE else [_loose_flaw(bodies, first, share, least)]
         if flaws:
             zero = "joints at zero, or the nearest that their limits allow"
-            where = zero if k == 0 else f"joints at {q[1:].round(3)}"
+            where = zero if k == 0 else f"joints at {', '.join(f'{x:.3g}' for x in q[1:])} rad or m"
             return [flaw._replace(text=f"{flaw.text} (found with the {where})") for flaw in flaws]
     return []
 
