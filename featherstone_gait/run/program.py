@@ -104,6 +104,18 @@ class CompiledController:
             raise TypeError(f"controller {name}: to reach other processes it must be a name of its module {module}")
         return _found, (module, name, self.begins)
 
+    def digest(self) -> bytes:
+        """Return what tells it from others: settings, first memory, source, and the numbers that this uses."""
+        try:
+            source = inspect.getsource(self.function)
+        except OSError:  # of what was typed at a prompt
+            source = ""
+        around = inspect.getclosurevars(self.function)
+        used = sorted({**around.globals, **around.nonlocals}.items())
+        numbers = [(name, np.asarray(x).tobytes()) for name, x in used if isinstance(x, (int, float, np.ndarray))]
+        begins = None if self.begins is None else self.begins.tobytes()
+        return repr((self.name, self.memory, self.period, self.writes, begins, source, numbers)).encode()
+
     def driving(self, scene: CompiledScene) -> CompiledScene:
         """Return the scene that it drives; ValueError where nothing takes what it writes."""
         if not scene.sampled and self.writes != "torque":

@@ -112,6 +112,21 @@ def test_a_regulator_holds_the_pole_as_its_own_loop_does():
     assert np.abs(run["qd"] - own[:, 2:]).max() < 1e-8
 
 
+def test_digests_tell_controllers_of_one_name_apart():
+    """By the numbers that a controller has from outside, and those that its memory begins with."""
+
+    def made(gain):
+        @controller(writes="torque")
+        def law(t, state, reference, command, memory):
+            command[0, 0] = -gain * state.q[0]
+
+        return law.digest()
+
+    assert made(1.0) == made(1.0)
+    assert made(1.0) != made(2.0)
+    assert lqr.digest() != lqr.beginning_with(np.ones(4)).digest()
+
+
 def test_what_does_not_fit_is_refused():
     scene = compile_scene(cart_pole())
     with pytest.raises(ValueError, match=r"broken wrote inf as torque of joint hinge, command\[1, 0\], at 0\.01 s"):
