@@ -27,6 +27,7 @@ from ..scene.external import Push
 from .case import Case, case_of, settings
 
 CENTER = (0.0, 0.0, 0.0)
+TINY = (1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-8)  # [kg m^2]
 NO_FALL: dict[str, Any] = {"fall_height": -1e6, "fall_tilt": 4.0}
 STIFF_SERVO: dict[str, Any] = {"Kp": 12.97, "Kd": 0.374, "torque_limit": 1.5}
 FIXED = dict.fromkeys(("implicit_euler", "midpoint", "rk4"), 2e-5)
@@ -260,11 +261,10 @@ def _stressed(
 def _chains(more: Sequence[float]) -> list[Case]:
     """Release seven links and a hundred, with masses, inertias and lengths at their extremes."""
     arm, steps = unlimited(load_robot("arm7_spatial")), (1e-3, 1e-2, *more)
-    links = [*arm.links[:-1], replace(arm.links[-1], mass=1e-3, inertia=(1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-8))]
     return [
         _stressed("tip 10 000 times as heavy", _heavier(arm, 7), 0.3, steps, angle=0.5),
         _stressed("root 10 000 times as heavy", _heavier(arm, 1), 0.3, steps, angle=0.5),
-        _stressed("last link of 1e-8 kg m^2", replace(arm, links=tuple(links)), 0.3, steps, angle=0.5),
+        _stressed("last link of 1e-8 kg m^2", _light_tip(arm), 0.3, steps, angle=0.5),
         _stressed("hundred links", chain(100), 0.2, steps, angle=0.05),
     ]
 
@@ -276,12 +276,22 @@ def _heavier(model: Model, k: int) -> Model:
     return replace(model, links=(*model.links[:k], heavier, *model.links[k + 1 :]))
 
 
+def _light_tip(model: Model) -> Model:
+    """Give the last link 1 g and 1e-8 kg m^2."""
+    return replace(model, links=(*model.links[:-1], replace(model.links[-1], mass=1e-3, inertia=TINY)))
+
+
 def _stiff_arms(more: Sequence[float]) -> list[Case]:
-    """Use continuous servos without rotor inertia; gains times 1 and 100; clipped or not."""
+    """Use continuous servos without rotor inertia; gains times 1 and 100; clipped or not; with a light last link."""
+    light = _stressed("gains times 1, last link of 1e-8 kg m^2", _light_tip(pd_arm()), 0.3, (1e-3, 1e-2), angle=0.05,
+                      gearbox="standard")  # fmt: skip
     return [
-        _stressed(f"gains times {gain:g}, from {angle:g} rad", pd_arm(gain), 0.5, (1e-3, 1e-2, 5e-2, *more),
-                  angle=angle, gearbox="standard")
-        for gain in (1.0, 100.0) for angle in (0.05, 0.5)
+        light,
+        *(
+            _stressed(f"gains times {gain:g}, from {angle:g} rad", pd_arm(gain), 0.5, (1e-3, 1e-2, 5e-2, *more),
+                      angle=angle, gearbox="standard")
+            for gain in (1.0, 100.0) for angle in (0.05, 0.5)
+        ),
     ]  # fmt: skip
 
 
@@ -318,7 +328,7 @@ def _boxes() -> list[Case]:
 
 
 def _rods(more: Sequence[float]) -> list[Case]:
-    """Run a rod into its stop at speed, hold it by friction, and tie it to the wall by a spring of 1e5 N/m."""
+    """Run a rod into its stop at speed, hold it by friction and by springs, and kick it for less than a step."""
     links = (
         Link("base", 0.0, CENTER, (0.0,) * 6),
         Link("rod", 1.0, (0.0, 0.0, -0.25), (0.0208, 0.0, 0.0, 0.0208, 0.0, 0.0002)),
@@ -326,10 +336,14 @@ def _rods(more: Sequence[float]) -> list[Case]:
     joint = Joint("hinge", "revolute", "base", "rod", axis=(0.0, 1.0, 0.0), lower=-0.2, upper=2.0, effort=20.0)
     rod = Model("rod", links, (joint,))
     rubs = replace(rod, joints=(replace(joint, friction=10.0, lower=-math.inf, upper=math.inf),))
+    sprung = replace(rod, joints=(replace(joint, stiffness=1e4, damping=1.0),))
+    kick = Push("rod", (5e3, 0.0, 0.0), CENTER, (0.0, 0.0, -0.5), start=0.1003, end=0.1006)
     tie = Spring("base", "rod", (0.3, 0.0, -0.5), (0.0, 0.0, -0.5), 1e5, 10.0, 0.3)
     stiff: dict[str, Any] = {"adaptive": STIFF_ADAPTIVE}
     return [
         _stressed("rod runs into its stop", rod, 0.8, (1e-3, 1e-2, *more), angle=1.5),
         _stressed("rod on stiff friction", rubs, 0.5, (1e-3, 1e-2), angle=1.5, **stiff),
         _stressed("rod on a stiff spring", rod, 0.3, (2e-4, 1e-3), angle=0.1, springs=(tie,), **stiff),
+        _stressed("rod on a stiff joint spring", sprung, 0.3, (1e-3, 1e-2), angle=0.1),
+        _stressed("rod kicked for 0.3 ms", rod, 0.3, (1e-3, 1e-2), angle=0.1, pushes=(kick,)),
     ]
