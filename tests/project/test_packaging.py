@@ -150,7 +150,7 @@ def test_the_first_example_prints_what_its_page_says(tmp_path, monkeypatch, caps
     matplotlib.use("Agg")
     exec(compile(example, "start.md", "exec"), {})
     pyplot.close("all")
-    # An estimate of 1e-5 is made of round-off in part, and so of the processor: its factor of 2 is held, not its digit.
+    # An estimate of 4e-5 is made of round-off in part, and so of the processor: its factor of 2 is held, not its digit.
     estimate = re.compile(r"\d+e-\d+")
     printed = capsys.readouterr().out
     assert estimate.sub("", printed) == estimate.sub("", output)
