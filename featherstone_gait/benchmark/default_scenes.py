@@ -211,7 +211,7 @@ def spinning(name: str, speed: float, duration: float, **more: Any) -> Case:
 
 
 def wheel() -> Model:
-    links = (Link("base", 0.0, CENTER, (0.0,) * 6), Link("wheel", 1.0, CENTER, (1e-3, 0.0, 0.0, 1e-3, 0.0, 2e-3)))
+    links = (Link("base"), Link("wheel", 1.0, CENTER, (1e-3, 0.0, 0.0, 1e-3, 0.0, 2e-3)))
     return Model("wheel", links, (Joint("axle", "continuous", "base", "wheel", axis=(0.0, 0.0, 1.0)),))
 
 

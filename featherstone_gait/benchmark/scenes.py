@@ -77,7 +77,7 @@ def chain(links: int) -> Model:
         Joint(f"joint{k + 1}", "continuous", parent, child, (0.0, 0.0, -length if k else 0.0), axis=axes[k % 2])
         for k, (parent, child) in enumerate(pairwise(names))
     )
-    return Model(f"chain{links}", (Link(names[0], 0.0, (0.0,) * 3, (0.0,) * 6), *bodies), joints)
+    return Model(f"chain{links}", (Link(names[0]), *bodies), joints)
 
 
 def pd_arm(gain: float = 1.0) -> Model:
@@ -177,7 +177,7 @@ def pendulum() -> Case:
     from scipy.special import ellipj, ellipk
 
     point = (1e-9, 0.0, 0.0, 1e-9, 0.0, 1e-9)  # a point mass, which the model does not know [kg m^2]
-    links = (Link("base", 0.0, CENTER, (0.0,) * 6), Link("bob", 1.0, (0.0, 0.0, -1.0), point))
+    links = (Link("base"), Link("bob", 1.0, (0.0, 0.0, -1.0), point))
     model = Model("pendulum", links, (Joint("hinge", "continuous", "base", "bob", axis=(0.0, 1.0, 0.0)),))
     w, k = math.sqrt(9.81 / (1.0 + point[3])), math.sqrt(0.5)
 
@@ -214,7 +214,7 @@ def governor() -> Case:
     center = (0.5 * bar + BALL) * ROD / mass  # of a rod with its ball, from the hinge [m]
     swing = long + bar * (center - 0.5 * ROD) ** 2 + BALL * (ROD - center) ** 2
     links = (
-        Link("ground", 0.0, CENTER, (0.0,) * 6),
+        Link("ground"),
         Link("shaft", bar, (0.0, 0.0, 0.5 * ROD), (long, 0.0, 0.0, long, 0.0, thin)),
         Link("slider", cube, (0.0, 0.0, 0.0), tuple(cube * CUBE**2 / 6.0 * x for x in (1, 0, 0, 1, 0, 1))),
         *(Link(name, mass, (0.0, 0.0, -center), (swing, 0.0, 0.0, swing, 0.0, thin)) for name in ("right", "left")),
@@ -330,7 +330,7 @@ def _boxes() -> list[Case]:
 def _rods(more: Sequence[float]) -> list[Case]:
     """Run a rod into its stop at speed, hold it by friction and by springs, and kick it for less than a step."""
     links = (
-        Link("base", 0.0, CENTER, (0.0,) * 6),
+        Link("base"),
         Link("rod", 1.0, (0.0, 0.0, -0.25), (0.0208, 0.0, 0.0, 0.0208, 0.0, 0.0002)),
     )
     joint = Joint("hinge", "revolute", "base", "rod", axis=(0.0, 1.0, 0.0), lower=-0.2, upper=2.0, effort=20.0)

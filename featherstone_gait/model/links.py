@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 from ..base.arguments import is_real, shown
 from ..base.brief import brief
 from .checks import (
-    allowed,
     angle_flaws,
     check,
     choice_flaws,
@@ -39,7 +38,7 @@ class Link:
     name : str
         Name, unique among the links of a robot.
     mass : float
-        Mass [kg]; 0 for a frame without mass.
+        Mass [kg]; 0, the default, for a frame without mass.
     center_of_mass : tuple of float
         Center of mass (3,) in the link's frame [m].
     inertia : tuple of float
@@ -54,9 +53,9 @@ class Link:
     """
 
     name: str
-    mass: float = field(metadata=allowed(">= 0", "kg", "a link without mass is one without <inertial>"))
-    center_of_mass: Vector
-    inertia: tuple[float, ...]
+    mass: float = quantity(">= 0", "kg", 0.0, "a link without mass is one without <inertial>")
+    center_of_mass: Vector = (0.0, 0.0, 0.0)
+    inertia: tuple[float, ...] = (0.0,) * 6
     gravity_compensation: float = quantity("finite", "-", 0.0, "1 bears the whole weight, 0 nothing")
 
     __repr__ = brief

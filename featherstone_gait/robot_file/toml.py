@@ -87,8 +87,8 @@ def table_of(table: Mapping[str, Any], key: str, prefix: str) -> dict[str, Any]:
     value = table.get(key, {})
     with at(table, key):
         if not isinstance(value, dict):
-            text = f"{prefix}{key} is {value!r}; expected a table"
-            raise ValueError(f"{text}: write [{prefix}{key}] and key = value lines")
+            such = f"type = '{value}'" if isinstance(value, str) and prefix == "servos.joints." else "key = value lines"
+            raise ValueError(f"{prefix}{key} is {value!r}; expected a table: write [{prefix}{key}] and {such}")
     return value
 
 
