@@ -48,6 +48,13 @@ class Drive(NamedTuple):
         """Return whether forces of sampled servos may be discontinuous between ticks: currents limited, teeth apart."""
         return self.sampled and any(_switches(servo) for servo in self.servos if servo)
 
+    @property
+    def slow_current(self) -> float | None:
+        """Return the limited rate of a current without inductance [A/s] of sampled servos; None if there is none."""
+        without = [servo for servo in self.servos if servo and self.sampled and not servo.inductance]
+        slow = (s.current_slew for s in without if s.current_slew * SOON < s.voltage_limit / s.resistance)
+        return next(slow, None)
+
 
 def usual_gearbox(model: Model) -> GearboxKind | None:
     """Return the gearbox model that the servos have numbers for: "mipsd" needs elastic gears; None without servos."""

@@ -346,6 +346,12 @@ def _method(name: str, drive: Drive, friction: Friction | None) -> Integrator:
         raise ValueError(f"{name} is the update order of sampled servos; use implicit_euler for other scenes")
     if method.drives and isinstance(friction, GearFriction):
         raise ValueError(f"{name} knows no friction that depends on load or speed; use another integrator")
+    slow = drive.slow_current if method.soft else None
+    if slow is not None:
+        raise ValueError(
+            f"{name} takes a current without inductance as being there at once, so a current_slew of {slow:g} A/s "
+            "would have no effect; give the servo an inductance, or use ars343"
+        )
     return method
 
 

@@ -378,3 +378,11 @@ def test_rk4_beyond_its_stability_interval_is_flagged():
     scene = compile_scene(load_robot("arm7"), gearbox="standard", integrator="rk4", timestep=1e-3)
     run = simulate(scene, 0.1, initial_state(scene, np.zeros(7)), hold(*np.zeros(7)))
     assert run.status in ("not converged", "diverged")
+
+
+@pytest.mark.parametrize("integrator", ["dop853", "rk4"])
+def test_an_explicit_integrator_refuses_a_slow_current_without_inductance(integrator):
+    """It would take the current as being there at once: an AX-12 0.05 rad too far after 0.1 s of a step of 1 rad."""
+    compile_scene(servo_arm(inductance=0.0, current_slew=1e9), "rotor", integrator=integrator)
+    with pytest.raises(ValueError, match=f"{integrator} .* current_slew of 50 A/s"):
+        compile_scene(servo_arm(inductance=0.0, current_slew=50.0), "rotor", integrator=integrator)
