@@ -63,8 +63,12 @@ def prepare(
 
 
 def least_step(scene: CompiledScene) -> float:
-    """Return the shortest step that error control may take [s]."""
-    return min(scene.method.least_step, LEAST_SHARE * scene.preflight.sliding_step)
+    """Return the shortest step that error control may take [s].
+
+    On ground it is the method's: ground that asks for less would keep a run busy for hours.
+    """
+    least = scene.method.least_step
+    return least if scene.ground is not None else min(least, LEAST_SHARE * scene.preflight.sliding_step)
 
 
 def budget(seconds: float) -> float:

@@ -50,6 +50,7 @@ from .integrator import Integrator, begin_interval, begin_run, scratch, take_ada
 LONGEST, LONGEST_LINEAR = 12, 9  # columns in powers of h^2 and h; one more multiplies rounding by 2.2 and 3.4
 SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
 FALL, FALL_SQUARES = 10.0, 1000.0  # of the error, that one more column in powers of h or h^2 is believed to bring
+MOST_REJECTED = 1000.0  # attempts at one step
 INSTANT = 1e-3  # of the interval: after its start
 DISCONTINUOUS = 0.3  # of the error of two columns, assumed for an interval with a discontinuity
 HIDDEN = 1e4  # columns that agree so much better than later ones have all stepped over what these see
@@ -103,8 +104,8 @@ def extrapolate(work, run, y, t, length):
     offsets, pace, start, implicit = run.offsets[0], work.pace, work.start, work.implicit
     for i in range(offsets.step_control):
         start[i] = y[i]
-    rejected = False
-    while True:
+    rejected, until = False, pace[REJECTED] + MOST_REJECTED
+    while pace[REJECTED] < until:
         h = in_time(min(pace[STEP], _longest(run.plan.second_run, pace)), length)
         count = min(max(int(pace[COLUMNS]), 2), _most_columns(implicit))
         error, skipped = 1e300, _sweep(implicit, run, t, h, count)
@@ -112,7 +113,8 @@ def extrapolate(work, run, y, t, length):
             error = _combine(implicit, run, h, count)
             if error <= 1.0 and _ends_elsewhere(implicit, run, h):
                 error = max(error, _error_of_discontinuity(run, h))
-            if _sticks(run) and work.discontinuity[BEFORE] >= 0.0 and h < 1.5 * run.plan.least_step and error < PASSED:
+            nearest = 1.5 if _sticks(run) else LOCATED
+            if work.discontinuity[BEFORE] >= 0.0 and h < nearest * run.plan.least_step and error < PASSED:
                 error = min(error, 1.0)
         if error <= 1.0:
             for i in range(_smooth(implicit, run)):  # the watch on chatter stays
@@ -141,6 +143,7 @@ def extrapolate(work, run, y, t, length):
                 pace[STEP] = max(pace[STEP], 1.2 * least)
         if not pace[STEP] > run.plan.least_step:
             return 0.0
+    return 0.0
 
 
 @inline
