@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import re
+import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -345,7 +346,8 @@ def test_a_history_in_which_the_first_gait_costs_something_else_is_not_continued
 
 
 @pytest.mark.long
-def test_the_command_shows_progress_and_a_table(tmp_path, capsys):
+def test_the_command_shows_progress_and_a_table(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)  # bars are for terminals
     options = ["--iterations", "2", "--worlds", "2", "--test-worlds", "3", "--no-baselines", "--out", str(tmp_path)]
     assert cli.main(["optimize", *options]) == 0
     shown = capsys.readouterr()
