@@ -329,7 +329,7 @@ class _Simulations:
 
     @property
     def counts(self) -> bool:
-        """Whether a servo counts angles or voltages, so that the errors are a staircase of the parameters."""
+        """Return whether a servo rounds angles or voltages to counts: the errors then change in jumps."""
         both = zip(self.models, self.recordings)
         servos = [servo_with(model.servos[model.joint_names[0]], r.settings) for model, r in both]
         return any(servo.encoder_resolution or servo.controller.pwm_steps for servo in servos)

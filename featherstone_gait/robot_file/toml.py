@@ -34,7 +34,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 class Wrong(FlawError):
-    """What is wrong with a TOML file; the element of each flaw is its line."""
+    """Report all flaws of a TOML file; the element of each is its line."""
 
 
 @contextmanager

@@ -175,7 +175,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         """
         data, text = files(path)
         described = read_json(text, FORMAT)
-        arrays = _renamed(read_arrays(data, FORMAT, lambda declared: _check_arrays(data, _renamed(declared))))
+        arrays = read_arrays(data, FORMAT, lambda declared: _check_arrays(data, declared))
         final, second = arrays.pop("final"), arrays.pop("second_final", None)
         parts = described.pop("parts", None)
         _check_described(text, described)
@@ -280,11 +280,6 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
                 f"{path}: the array {name!r} of {values.dtype} has shape {values.shape}; expected channels and errors "
                 "of numbers, all with equally many samples: take an undamaged copy, or simulate again"
             )
-
-
-def _renamed(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the arrays of a file, which may be older, by their current names."""
-    return {"second_final" if name == "companion" else name: values for name, values in arrays.items()}
 
 
 def _current(name: str) -> str:

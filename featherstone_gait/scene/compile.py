@@ -164,7 +164,7 @@ class CompiledScene:
 
     @property
     def counts(self) -> bool:
-        """Whether a control law jumps: it counts angles or duty cycles, or has a punch."""
+        """Return whether a control law jumps: it rounds angles or duty cycles to counts, or has a punch."""
         laws = [servo.controller for servo in self.model.servos.values()]
         return self.largest_jump > 0 or (self.sampled and any(law.pwm_steps > 0 for law in laws))
 

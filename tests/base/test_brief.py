@@ -1,4 +1,4 @@
-"""What objects print at the prompt: short lines with the figures that say what they are."""
+"""Public objects print short lines at the prompt, with the figures that identify them."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -207,7 +207,7 @@ def test_a_search_with_every_servo_of_the_package_walks_or_says_in_a_line_why_no
 
 
 def test_a_robot_whose_servos_cannot_run_together_is_described_all_the_same(tmp_path, capsys):
-    """Of two joints one has a torque law, whose servo is refused beside a sampled one."""
+    """One joint has a torque law, the other a sampled servo; a scene takes only one of the two kinds."""
     text = Path(load_robot("arm7").source).read_text("utf-8")
     (tmp_path / "mixed.urdf").write_text(text, "utf-8")
     own = '[servos.joints.joint1]\nlaw = "pd"\nKp = 10.0\nKd = 0.1\nratio = 1.0\n'

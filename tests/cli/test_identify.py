@@ -31,7 +31,7 @@ def fitted(folder):
 
 
 def record(path, servo, mass, length, heads=("time [ms]", "goal_deg", "note", "position (deg)")):
-    """What a swinging weight does that follows a wave, in units of its own."""
+    """Record a swinging weight that follows a wave; the columns have their own units."""
     time = 0.01 * np.arange(120)
     goal = 1.5 * np.sin(6.0 * time) ** 2
     (angle, _), *_ = predict(pendulum("p", servo, mass, length), [Recording("r", time, goal, 0.0 * time)])

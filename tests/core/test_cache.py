@@ -57,7 +57,7 @@ def run(package, *, program=PROGRAM, **environment):
 
 
 def test_a_relative_folder_of_the_user_is_ignored(monkeypatch, tmp_path):
-    """As the XDG base directory specification asks."""
+    """The XDG base directory specification asks to ignore relative paths."""
     monkeypatch.setenv("HOME", str(tmp_path))
     usual, own = tmp_path / ".cache", tmp_path / "own"
     for given, folder in (("here", usual), ("", usual), (str(own), own)):

@@ -75,7 +75,7 @@ def test_servo_chains_go_it_too(law, gearbox, profile):
 
 @pytest.mark.long
 def test_turns_of_the_reference_do_not_matter():
-    """The same motion, to rounding, for goals that are whole turns away."""
+    """Goals that differ by whole turns give the same motion, up to rounding."""
     plain, turned = (run_of(pd(), goals=(FAR, BACK + turns * 2.0 * math.pi)) for turns in (0, 7))
     assert np.abs(plain["q"] - turned["q"]).max() < 1e-9
 

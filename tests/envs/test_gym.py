@@ -54,7 +54,7 @@ def test_pictures_show_the_robot_as_it_is(robot):
 
 
 def test_what_cannot_be_drawn_is_warned_of(robot):
-    """As Gymnasium does: no mode draws nothing, nor does a window without a display."""
+    """Without a render mode, or without a display, nothing is drawn and Gymnasium's warning is given."""
     env = gym.Stand(robot)
     with pytest.warns(UserWarning, match="render mode"):
         assert env.render() is None

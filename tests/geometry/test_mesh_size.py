@@ -50,7 +50,7 @@ def gltf(nodes, triangles=1, parts=1, roots=None):
 
 
 def glb(content):
-    """The same as a binary file without buffers of its own."""
+    """Write the same mesh as a binary glTF file that refers to other files for its data."""
     text = content.encode() + b" " * (-len(content) % 4)
     return b"glTF" + struct.pack("<III", 2, 20 + len(text), len(text)) + b"JSON" + text
 

@@ -191,7 +191,7 @@ def test_voltage_may_be_missing_and_time_starts_anywhere(tmp_path):
 
 
 def test_names_and_units_may_be_others(tmp_path):
-    """The same recording in milliseconds, degrees and millivolts, with more columns."""
+    """Write the recording in milliseconds, degrees and millivolts, with more columns."""
     rows = [f"{10 * k},cold,{math.degrees(0.001 * k)!r},{math.degrees(0.5)!r},{1500 + k}" for k in range(12)]
     head = "time_ms,temperature,Angle (deg),goal [deg],voltage_mV"
     recording = read_recording(table(tmp_path, head, *rows))

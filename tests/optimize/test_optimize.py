@@ -184,7 +184,7 @@ def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
 
 
 def test_steps_with_limits_reach_the_number_of_all_candidates():
-    """As the search counts them: 401 gaits, then a start and 16 steps of 24 candidates."""
+    """The axis counts all candidates: 401 gaits, then a start and 16 steps of 24 candidates."""
     numbers = candidate_numbers(np.ones(401 + 17), 401, 400 + 16 * 24)
     assert numbers[[0, 400, 401, 402, -1]].tolist() == [0, 400, 400, 424, 784]
 

@@ -1,4 +1,4 @@
-"""What touches the ground in MJCF: bits, <exclude>, and <pair> with its friction."""
+"""Contact bits, <exclude> and <pair> of MJCF decide what touches the ground, and with which friction."""
 
 import math
 

@@ -955,7 +955,7 @@ def test_an_inertia_far_beyond_its_shape_is_doubted(tmp_path, radius, doubted):
 
 @pytest.mark.filterwarnings("error")
 def test_an_inertia_that_never_acts_is_not_doubted(tmp_path):
-    """That of the root of a fixed robot; and 1 kg m^2 of a kilogram is no mistake where a file has no shapes."""
+    """The inertia of a fixed root never acts, and without shapes 1 kg m^2 of a kilogram may be right."""
     heavy = BODY.replace('"1"', '"1e3"').replace('mass value="1e3"', 'mass value="1"')
     text = swap(URDF, '<link name="base"/>', f'<link name="base">{heavy}</link>', '"0 0 1" rpy', '"0 0 .01" rpy')
     text = swap(text, '<mass value="0.25"/>', '<mass value="1"/>', *(x.replace("1e3", "1") for x in MILLIMETERS))

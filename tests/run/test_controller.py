@@ -166,7 +166,7 @@ def test_sessions_keep_its_memory():
 @pytest.mark.parametrize("n", [1, 9])
 @pytest.mark.parametrize("at", [0, 3])
 def test_a_step_in_which_it_raises_does_nothing(n, at):
-    """Of no robot, in lanes or alone, nor to records, second runs and noise: stepped again, all have the same bits."""
+    """A controller that fails changes no robot, record, second run or noise: stepped again, all have the same bits."""
     settings = {"controller": touchy, "record": ("q",), "estimate_error": True, "noise": (1e-3, 0.05)}
     session, other = (Session(scene_of(), n, **settings) for _ in range(2))
     actions = np.random.default_rng(2).uniform(-0.2, 0.2, size=(6, n, 1))

@@ -1,4 +1,4 @@
-"""Where no gearbox model is named, it is the one that the servos have the numbers for."""
+"""The default gearbox model is the one that the servos have numbers for."""
 
 from dataclasses import replace
 

@@ -16,7 +16,7 @@ def browser():
     """The program that FEATHERSTONE_GAIT_BROWSER names, or the first that is installed."""
     found = os.environ.get("FEATHERSTONE_GAIT_BROWSER") or next(filter(None, map(shutil.which, NAMES)), None)
     if found is None:
-        pytest.skip("no Chromium is installed (or name it: FEATHERSTONE_GAIT_BROWSER); .ci/run installs it if it can")
+        pytest.skip("Chromium is no Python package and is not found here; .ci/run installs it for these tests")
     return found
 
 

@@ -158,7 +158,7 @@ def test_names_are_no_formulas():
 @pytest.mark.long
 @pytest.mark.parametrize("last", ["plot(run)", "figure", "plot(run);", "_ = plot(run); 1", "plot(run, 'q', axes=axes)"])
 def test_a_notebook_draws_a_figure_once(last, tmp_path, monkeypatch):
-    """Where it is made, as the value of a later cell, and in the axes of another figure."""
+    """A figure is shown once where it is made, as a later cell's value, and in another figure's axes."""
     first = (
         "import numpy as np\nfrom matplotlib import pyplot\nfrom featherstone_gait import Trajectory, plot\n"
         "values = {'time': np.linspace(0, 1, 5), 'q': np.zeros((5, 2))}\n"

@@ -18,7 +18,7 @@ FRICTIONLESS = 1  # condim
 
 
 class Touching(NamedTuple):
-    """What touches the ground."""
+    """Hold what an MJCF file lets touch the ground."""
 
     friction: dict[int, float | None]  # by geom; None is the ground's
     doubts: list[str]
