@@ -224,6 +224,7 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no rotor", rigid, soft, "standard model and mipsd"),
         ("no friction that knows load and speed", dry, loaded, "M1 and M4 of 7 servos"),
         ("no firmware", rigid, rollout(driven(**FIRMWARE), "standard"), "all of it in 7 servos"),
+        ("no short way round", rigid, rollout(driven(wrap=True), "standard"), "of 7 joints without limits"),
         ("no supply", rigid, rollout(replace(driven(), supply=Supply(11.1, 0.3)), "standard"), "one that 7 share"),
         ("no inductance", rollout(driven(inductance=0.0), "standard"), rigid, "not skipped: same kernel"),
         ("no backlash", soft, rollout(driven(backlash=0.01), "mipsd"), "not skipped: same kernel"),
