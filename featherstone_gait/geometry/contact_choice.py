@@ -9,13 +9,14 @@ as low as that, as a foot with a toe before it.  Of links that are fixed to each
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 
 from ..base.arguments import instance, listed, texts
+from ..base.brief import some
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_rpy
 from ..dynamics import Poses, forward_kinematics
@@ -62,7 +63,7 @@ def with_contacts(model: Model, choice: Choice) -> Model:
         raise ValueError(
             f"{model.name}: contacts={choice!r}, but no link has a collision shape: add some to its links (in URDF "
             "<collision>, in MJCF geoms that touch the floor by contype and conaffinity or by a <pair>), or type "
-            "contact points into its TOML"
+            f"contact points into its TOML{f' (its notes: {some(model.notes)})' if model.notes else ''}"
         )
     if isinstance(choice, str):
         if choice not in ("all", "feet"):
@@ -215,21 +216,51 @@ def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) ->
 def _sole_points(model: Model) -> tuple[tuple[ContactPoint, ...], tuple[str, ...]]:
     """Compute the contact points of the feet, and name the feet that do not look like soles."""
     poses = _poses_at_rest(model)
-    spans = [_span(model, shape, poses) for shape in model.shapes]
-    lowest = min(bottom for bottom, _ in spans)
-    reach = lowest + FOOT * (max(top for _, top in spans) - lowest)
-    _check_nothing_below(model, poses, lowest, reach)
-    links = _feet(model, spans, reach, LEVEL * (reach - lowest) / FOOT)
-    soles = [shape for shape, (bottom, _) in zip(model.shapes, spans) if shape.link in links and bottom <= reach]
-    if not soles:
+    parts, lowest, height = _soles(model, poses)
+    _check_nothing_below(model, poses, lowest, lowest + FOOT * height)
+    if not parts:
         raise ValueError(
             f"{model.name}: contacts='feet', but no link at an end of the robot comes within {FOOT:.0%} of its height "
             "to the ground at rest: name the links that shall touch it"
         )
-    parts = [(shape, _lower_half(model, shape, poses)) for shape in soles]
     points = tuple(point for _, part in parts for point in part)
-    wide = _least_width(model, points, poses) >= NARROW * (reach - lowest) / FOOT
-    return points, () if wide else tuple(filter(None, (_doubt(shape, part) for shape, part in parts)))
+    wide = _least_width(model, points, poses) >= NARROW * height
+    doubts = () if wide else tuple(filter(None, (_doubt(shape, part) for shape, part in parts)))
+    return points, doubts or tuple(_larger_soles(model, points))
+
+
+def _soles(model: Model, poses: Poses) -> tuple[list[tuple[Shape, list[ContactPoint]]], float, float]:
+    """Compute the contact points of each shape of the feet, the height of the lowest shape, and the robot's [m]."""
+    spans = [_span(model, shape, poses) for shape in model.shapes]
+    lowest = min(bottom for bottom, _ in spans)
+    height = max(*(top for _, top in spans), poses.position[:, 2].max()) - lowest
+    reach = lowest + FOOT * height
+    links = _feet(model, spans, reach, LEVEL * height)
+    soles = [shape for shape, (bottom, _) in zip(model.shapes, spans) if shape.link in links and bottom <= reach]
+    return [(shape, _lower_half(model, shape, poses)) for shape in soles], lowest, height
+
+
+def _larger_soles(model: Model, points: Sequence[ContactPoint]) -> Iterator[str]:
+    """Yield a note where feet chosen without a standing keyframe stand on far more in another keyframe."""
+    others = {} if standing_keyframe(model) is not None else model.keyframes
+    for name, q in others.items():
+        parts, _, _ = _soles(model, forward_kinematics(model, np.array(q)))
+        there = [point for _, part in parts for point in part]
+        for link in dict.fromkeys(point.link for point in points):
+            (_, *now), (_, *then) = _link_spans(points, link), _link_spans(there, link)
+            if now[0] * now[1] < SMALL * then[0] * then[1]:
+                yield (
+                    f"contacts='feet': at rest link {link!r} stands on {now[0]:.2g} x {now[1]:.2g} m, in the keyframe "
+                    f"{name!r} on {then[0]:.2g} x {then[1]:.2g} m: if the robot stands in that one, repeat it under "
+                    "the name 'stand' ([keyframes.stand] of its TOML), or name the links that shall touch the ground"
+                )
+                return
+
+
+def _link_spans(points: Iterable[ContactPoint], link: str) -> list[float]:
+    """Compute how far the points of a link span along its axes, in ascending order (3,) [m]."""
+    at = [point.position for point in points if point.link == link]
+    return sorted(np.ptp(np.array(at), axis=0).tolist()) if at else [0.0, 0.0, 0.0]
 
 
 def _least_width(model: Model, points: Sequence[ContactPoint], poses: Poses) -> float:

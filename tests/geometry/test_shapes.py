@@ -425,6 +425,37 @@ def test_soles_that_stand_upright_at_rest_are_doubted(tmp_path):
         load_robot(tmp_path / "biped.urdf", contacts="feet", strict=True)
 
 
+def on_soles_of(geometry, places):
+    """The biped with upright soles on shapes (of the feet alone) at these places of the feet."""
+    robot, standing = with_upright_soles()
+    shapes = tuple(Shape(side, geometry, place) for side in ("left", "right") for place in places)
+    return replace(robot, shapes=shapes), standing
+
+
+@pytest.mark.parametrize("kind", ["box", "spheres"])
+@pytest.mark.parametrize("keyframe", ["knees_bent", "Standing"])
+def test_a_keyframe_of_another_name_that_has_larger_soles_is_doubted(kind, keyframe):
+    """The heels of two upright soles, far apart, look like feet; not in the keyframe where the soles lie flat."""
+    box, ball = Box((0.04, 0.06, 0.2)), Sphere(0.02)
+    corners = [(0.0, y, z) for y in (-0.03, 0.03) for z in (-0.1, 0.1)]
+    robot, standing = on_soles_of(box, [(0.0, 0.0, 0.0)]) if kind == "box" else on_soles_of(ball, corners)
+    robot = replace(robot, joints=tuple(replace(j, xyz=(3.0 * j.xyz[1], *j.xyz[1:])) for j in robot.joints))
+    (note,) = with_contacts(replace(robot, keyframes={keyframe: standing}), "feet").notes
+    assert repr(keyframe) in note
+    assert not with_contacts(replace(robot, keyframes={"stand": standing, keyframe: standing}), "feet").notes
+    flat = replace(robot, keyframes={"prone": (*standing[:7], 0.0, 0.0)})
+    assert not with_contacts(flat, "feet").notes
+
+
+def test_the_size_of_a_robot_whose_feet_alone_have_shapes_is_not_that_of_its_feet():
+    """Upright soles 4 cm thick span less than a tenth of half a meter, and a foot 3 cm higher is a foot."""
+    robot, _ = on_soles_of(Box((0.04, 0.06, 0.2)), [(0.0, 0.0, 0.0)])
+    assert len(with_contacts(robot, "feet").notes) == 2
+    left, right = robot.joints
+    raised = replace(robot, joints=(replace(left, xyz=(0.0, 0.1, -0.47)), right))
+    assert {point.link for point in with_contacts(raised, "feet").contacts} == {"left", "right"}
+
+
 def test_a_robot_that_lies_on_its_belly_has_no_feet():
     links = (Link("trunk", *BODY), Link("leg", *BODY))
     joint = Joint("hip", "revolute", "trunk", "leg", (0.5, 0.0, 0.0), lower=-1.0, upper=1.0)
