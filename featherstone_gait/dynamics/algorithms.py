@@ -24,7 +24,7 @@ from ..core.effects.touch import FLATNESS
 from ..core.tree import batch
 from ..core.tree.layout import Motion, Robot
 from ..model import Model, Spring
-from ..model.numpy_dynamics import Poses
+from ..model.numpy_dynamics import Poses, what_is_loose
 from ..model.tree_checks import check_springs
 from ..scene.external import build_lifts
 from ..scene.tree import GRAVITY, Tree, compile_tree, joint_armature
@@ -133,7 +133,7 @@ def forward_dynamics(
     Raises
     ------
     ValueError
-        For wrong shapes and values that are not finite.
+        For wrong shapes, values that are not finite, and where the mass matrix is singular.
     """
     x = _arguments(model, q=q, qd=qd, tau=tau)
     robot = _robot(model, armature, gravity)._replace(coupling=compile_tree(model).coupling)
@@ -141,6 +141,10 @@ def forward_dynamics(
     if pull is not None:
         x["tau"] = x["tau"] + pull
     out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, robot)
+    for row in np.flatnonzero(~np.isfinite(out).all(axis=1)):
+        loose = what_is_loose(model, x["q"][row], robot.armature)
+        if loose is not None:
+            raise ValueError(f"{model.name}: {loose}, or ask for the accelerations in another posture")
     return _shaped(out, q, qd, tau)
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from ..base.brief import brief
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_quaternion
-from .composite import Bodies, composites, frames, mass_matrix
-from .mass_checks import rows_of
+from .composite import TOLERANCE, Bodies, composites, frames, mass_matrix
+from .mass_checks import by_body, flaws_at, postures, resisting, rows_of
 from .robot import Model, rigid_bodies
 
 
@@ -58,17 +58,49 @@ def mass_center(model: Model, q: np.ndarray) -> np.ndarray:
     return np.array(q[:3]) + applied(rotation_from_quaternion(q[3:7]), center)
 
 
-def mass_matrix_at_zero(model: Model, armature: np.ndarray | None) -> np.ndarray:
-    """Compute the mass matrix (nv, nv) at zero; armature: (joints,) [kg m^2 or kg] or None."""
-    bodies, order = rows_of(rigid_bodies(model)[0]), _coordinates(model)
-    rotors = np.zeros(len(bodies.parent))
-    if armature is not None:
-        rotors[1:] = armature[order]
-    q = np.zeros(len(rotors))
-    H = mass_matrix(bodies._replace(armature=rotors), q, _composites(model.skeleton, q.tobytes()))[0]
+def mass_matrix_at(model: Model, q: np.ndarray, armature: np.ndarray | None) -> np.ndarray:
+    """Compute the mass matrix (nv, nv) at q (nq,), its base not turned; armature: (joints,) [kg m^2 or kg] or None."""
+    bodies, order, at = rows_of(rigid_bodies(model)[0]), _coordinates(model), _positions(model, q)
+    bodies = bodies._replace(armature=_rotors(model, armature))
+    H = mass_matrix(bodies, at, _composites(model.skeleton, at.tobytes()))[0]
     base = list(range(6)) if model.base == "floating" else []
     rows = base + [6 + int(row) for row in np.argsort(order, kind="stable")]
     return H[np.ix_(rows, rows)]
+
+
+def regular_posture(model: Model) -> np.ndarray:
+    """Return a posture q (nq,) in which the mass matrix is regular: zero, if it is."""
+    q = np.zeros(model.nq)
+    if model.base == "floating":
+        q[3] = 1.0
+    bodies, floating = rigid_bodies(model)[0], model.base == "floating"
+    if resisting(bodies, floating):
+        return q
+    keyframes = (_positions(model, np.array(one)) for one in model.keyframes.values())
+    tried = (_positions(model, q), *postures(bodies, model.couplings, keyframes))
+    at = next((at for at in tried if not flaws_at(bodies, floating, at)[0]), tried[0])
+    q[model.nq - len(model.joint_names) :] = at[1:][np.argsort(_coordinates(model), kind="stable")]
+    return q
+
+
+def what_is_loose(model: Model, q: np.ndarray, armature: np.ndarray | None, least: float = TOLERANCE) -> str | None:
+    """Describe what can move without inertia at q (nq,), its base left out of account; None if nothing can.
+
+    armature: (joints,) [kg m^2 or kg] or None; least: eigenvalue of the scaled mass matrix below which something is.
+    """
+    bodies, floating = rigid_bodies(model)[0], model.base == "floating"
+    if resisting(bodies, floating):
+        return None
+    at = _positions(model, q)
+    flaws, _ = flaws_at(bodies, floating, at, _rotors(model, armature), least)
+    return "; ".join(flaw.text for flaw in flaws) or None
+
+
+def _rotors(model: Model, armature: np.ndarray | None) -> np.ndarray:
+    """Return the armature of each body's joint, 0 for the root's."""
+    if armature is None:
+        return np.zeros(len(model.joint_names) + 1)
+    return np.concatenate([[0.0], armature[_coordinates(model)]])
 
 
 @functools.lru_cache(maxsize=8)
@@ -101,7 +133,4 @@ def _coordinates(model: Model) -> list[int]:
 
 
 def _positions(model: Model, q: np.ndarray) -> np.ndarray:
-    """Return the joint position of each body, 0 for the root's."""
-    n = len(model.joint_names)
-    joints = np.asarray(q, dtype=float)[-n:] if n else np.zeros(0)
-    return np.concatenate([[0.0], joints[_coordinates(model)]])
+    return by_body(rigid_bodies(model)[0], model.joint_rows, q)

@@ -25,7 +25,7 @@ from ..base.flaws import FlawError, quoted
 from .checks import check, choice_flaws, name_flaws, vector_flaws
 from .ground import ContactPoint
 from .links import Joint, Link, leader_of
-from .mass_checks import indefinite_flaws
+from .mass_checks import by_body, indefinite_flaws
 from .rigid_bodies import Frame, Placement, RigidBody, depth_first_joints, lay_out, merge
 from .servo import Servo, Supply
 from .shapes import Shape
@@ -134,9 +134,10 @@ class Model:
             object.__setattr__(self, name, MappingProxyType(dict(table)))
 
     def _check_mass_matrix(self) -> None:
-        """Raise FlawError, a ValueError, unless the mass matrix is positive definite."""
+        """Raise FlawError, a ValueError, unless the mass matrix is positive definite in some posture."""
         bodies, floating = self._merged[0], self.base == "floating"
-        flaws = indefinite_flaws(self.name, bodies, floating, lambda: self.couplings)
+        keyframes = (by_body(bodies, self.joint_rows, q) for q in self.keyframes.values())
+        flaws = indefinite_flaws(self.name, bodies, floating, lambda: self.couplings, keyframes)
         if flaws:
             raise FlawError(flaws)
 

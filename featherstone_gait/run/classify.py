@@ -9,11 +9,13 @@ import numpy as np
 from ..core.effects.energies import ENERGIES, STOPS
 from ..core.effects.spring import CAUSES as SPRING_CAUSES
 from ..core.effects.stop import explicit_limit
+from ..core.integrate.adaptive import PROGRESS, STALLED
 from ..core.step import pace
 from ..core.step.context import Plan
 from ..scene.compile import CompiledScene
 from .compiled_run import CompiledRun
 from .prepare import least_step
+from .start import what_is_loose_at
 from .status import OF_CODE, Status
 from .trajectory import Trajectory
 
@@ -21,6 +23,7 @@ CHATTER_LIMIT = 0.05  # [rad/s or m/s]; see `worst_chatter` in core/step/state.p
 # For a rule that rings about the right mean after an impact: the amplitude of the joint's motion, half of what counts
 # as a wrong result [rad or m].
 RINGING_LIMIT = 5e-4
+LOOSE = 1e-5  # least eigenvalue of the scaled mass matrix, below which it is what ends a run
 
 
 class Outcome(NamedTuple):
@@ -71,16 +74,20 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
     name, end = scene.model.name, float(y[scene.layout["end_time"]])
     message = f"{name} {status} at {end:.4g} s"
     if status is Status.STEP_TOO_SMALL:
-        message = f"{name}: the tolerance asks for steps below {least_step(scene):.2g} s at {end:.4g} s"
+        least = max(least_step(scene), PROGRESS / STALLED)
+        message = f"{name}: the tolerance asks for steps below {least:.2g} s at {end:.4g} s"
     if status is Status.TOO_COSTLY:
         taken, rejected = y[slice(*scene.part("step_control"))][[pace.STEPS, pace.REJECTED]]
-        least, by = scene.preflight.worst, "discontinuities or fast motion limit them"
-        if least is not None:
-            by = f"{least.joint} limits explicit ones to {least.step:.2g} s by its {least.cause}"
+        limit, by = scene.preflight.worst, "discontinuities or fast motion limit them"
+        if limit is not None:
+            by = f"{limit.joint} limits explicit ones to {limit.step:.2g} s by its {limit.cause}"
         message = (
             f"{name}: {scene.integrator} took {taken + rejected:.0f} steps ({rejected:.0f} rejected) up to "
             f"{end:.4g} s; {by}: raise rtol, or use implicit_euler or midpoint at a fixed step"
         )
+    loose = what_is_loose_at(scene, y, LOOSE)
+    if status is not Status.FELL and loose is not None:
+        return Outcome(status, f"{message}; {loose}", end)
     speeds = np.abs(y[slice(*scene.part("qd"))])
     if status is Status.DIVERGED and len(speeds):
         joint = scene.model.joint_names[int(speeds.argmax())]

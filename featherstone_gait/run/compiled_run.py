@@ -34,7 +34,7 @@ from .interrupt import Kernel, call_interruptibly, ensure_compiled
 from .lane_constants import has_varying, merge, structure, with_own_memory, write_lane
 from .program import CompiledController
 from .reference import LATEST, Reference
-from .start import checked_state, initial_state, with_first_error
+from .start import checked_state, initial_state, what_is_loose_at, with_first_error
 from .trajectory import Trajectory
 
 Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
@@ -96,6 +96,9 @@ class CompiledRun:
         scene, n, o = self.scene, self.scene.tree.n, self.scene.layout
         y = initial_state(scene) if state is None else checked_state(scene, state)
         check_followers(scene.model, scene.tree.coupling, y[o["q"] : o["q"] + n], y[o["qd"] : o["qd"] + n])
+        loose = what_is_loose_at(scene, y)
+        if loose is not None:
+            raise ValueError(f"{scene.model.name}: {loose}, or start in another posture: state=initial_state(scene, q)")
         follows = scene.constants.actuator is not None or self.torques_written
         if reference is not None and not follows:
             remedy = "compile the scene with gearbox=..., or give torques as tau="

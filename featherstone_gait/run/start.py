@@ -15,6 +15,8 @@ from ..core.effects.controller import PID_SPEED
 from ..core.effects.firmware import TURN
 from ..core.step import pace
 from ..core.step.signals import Knots
+from ..model.composite import TOLERANCE
+from ..model.numpy_dynamics import what_is_loose
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from ..scene.tree import check_followers, followed
@@ -199,6 +201,12 @@ def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
             f"{own}; `simulate` returns no such state: make it with initial_state"
         )
     return y
+
+
+def what_is_loose_at(scene: CompiledScene, y: np.ndarray, least: float = TOLERANCE) -> str | None:
+    """Describe what can move without inertia in a state (length,); None if nothing can: see `what_is_loose`."""
+    q = np.concatenate([y[slice(*scene.part(name))] for name in ("base_q", "q")])
+    return what_is_loose(scene.model, q, scene.constants.armature, least)
 
 
 def _sizes(parts: dict[str, tuple[int, int]]) -> str:

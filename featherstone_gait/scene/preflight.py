@@ -1,8 +1,9 @@
 """Limits of the step of a scene, computed before anything runs.
 
 The linearized scene M dv/dt = -C v - K x is stable under explicit steps (semi-implicit Euler) only while
-h < 2 / lambda(M^-1 C) and h < 2 / sqrt(lambda(M^-1 K)), lambda the largest eigenvalue; M at zero posture.  For one
-joint alone the inertia is what it feels when all others are free, 1 / (M^-1)_ii; together the joints allow less.
+h < 2 / lambda(M^-1 C) and h < 2 / sqrt(lambda(M^-1 K)), lambda the largest eigenvalue; M at zero posture, or in
+another if it is singular there.  For one joint alone the inertia is what it feels when all others are free,
+1 / (M^-1)_ii; together the joints allow less.
 
 Springs between bodies enter with the length that changes along them in place of a joint's angle: of joints and springs
 together, whose rates are J v, the mobility is J M^-1 J'.  Left out are that a stretched spring resists turning, and
@@ -28,7 +29,7 @@ from ..core.effects.friction import DRY
 from ..core.integrate import INTEGRATORS
 from ..dynamics import Wrench, coupling_matrix, forward_kinematics, inverse_dynamics, spring_vectors
 from ..model import Model, Spring
-from ..model.numpy_dynamics import mass_matrix_at_zero
+from ..model.numpy_dynamics import mass_matrix_at, regular_posture
 from .actuator import Drive
 from .friction import Friction, explicit_limits, sticks
 from .options import SceneOptions
@@ -249,10 +250,10 @@ def joint_limit(name: str, inertia: float, dampings: dict[str, float], springs: 
 
 
 def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[Spring]) -> np.ndarray:
-    """Compute J M^-1 J' at zero (n + springs, ...), the accelerations of joints and springs' lengths by forces on them.
+    """Compute J M^-1 J' (n + springs, ...), the accelerations of joints and springs' lengths by forces on them.
 
-    J holds the joints' own directions, then how fast each spring lengthens.  With couplings M^-1 is G (G' M G)^-1 G', G
-    of `coupling_matrix`.
+    It is that of the `regular_posture`.  J holds the joints' own directions, then how fast each spring lengthens.  With
+    couplings M^-1 is G (G' M G)^-1 G', G of `coupling_matrix`.
     """
     found = _mobility(model.skeleton, None if armature is None else armature.tobytes(), tuple(springs))
     return found.copy()
@@ -261,15 +262,12 @@ def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[
 @functools.lru_cache(maxsize=8)
 def _mobility(model: Model, rotors: bytes | None, springs: tuple[Spring, ...]) -> np.ndarray:
     armature = None if rotors is None else np.frombuffer(rotors)
-    q = np.zeros(model.nq)
-    if model.base == "floating":
-        q[3] = 1.0
-    n = len(model.moving_joints)
+    n, q = len(model.moving_joints), regular_posture(model)
     J = np.zeros((n + len(springs), model.nv))
     J[:n, model.nv - n :] = np.eye(n)
     if springs:
         J[n:] = _lengthening(model, springs, q)
-    M, G = mass_matrix_at_zero(model, armature), coupling_matrix(model).matrix
+    M, G = mass_matrix_at(model, q, armature), coupling_matrix(model).matrix
     if len(G) > len(G.T):
         M, J = product(product(G.T, M), G), product(J, G)
     return product(J, solve(M, J.T))

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from random_tree import random_tree
+from scenes import gimbal
 
 from featherstone_gait.base.flaws import FlawError
 from featherstone_gait.dynamics import mass_matrix as compiled_mass_matrix
@@ -74,3 +75,12 @@ def test_armature_stands_for_inertia():
         replace(robot, links=(*robot.links[:2], tip))
     geared = replace(robot.joints[1], armature=1e-4)
     assert replace(robot, links=(*robot.links[:2], tip), joints=(robot.joints[0], geared)).nv == 2
+
+
+def test_a_robot_is_refused_only_if_it_is_singular_everywhere():
+    assert gimbal().nv == 3
+    assert gimbal("zyx", keyframes={"home": (0.0, 0.0, 0.0)}).nv == 3
+    with pytest.raises(FlawError, match=r"'yaw'.*'pitch'.*without inertia"):
+        gimbal("zzx")
+    with pytest.raises(FlawError, match=r"joint 'roll' but its inertia there is -0\.001"):
+        gimbal(inertia=(3e-3, 0.0, 0.0, 3e-3, 0.0, -1e-3))

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -114,3 +115,14 @@ def pendulum(length=0.5, mass=1.0, damping=0.05, friction=0.0, lower=-100.0, upp
     limits = {"lower": lower, "upper": upper, "damping": damping, "friction": friction, "effort": effort}
     joint = Joint("hinge", "revolute", "base", "rod", axis=(0.0, 1.0, 0.0), **limits)
     return Model("pendulum", (base, rod), (joint,))
+
+
+def gimbal(axes="zxz", inertia=(3e-3, 0.0, 0.0, 3e-3, 0.0, 1e-3), **more):
+    """A body on three hinges that meet in a point, with massless links between; center of mass 0.2 m off, along z."""
+    names, hinges = ("base", "outer", "inner", "body"), ("yaw", "pitch", "roll")
+    links = (*(Link(name) for name in names[:3]), Link("body", 1.0, (0.0, 0.0, 0.2), inertia))
+    joints = tuple(
+        Joint(hinge, "continuous", *ends, axis=tuple(float(one == axis) for one in "xyz"))
+        for hinge, ends, axis in zip(hinges, pairwise(names), axes)
+    )
+    return Model("gimbal", links, joints, **more)

@@ -11,12 +11,15 @@ from ..compile.outside import read_now
 from ..effects.actuator import controller_of
 from ..effects.controller import apply_delayed
 from ..effects.push import EVENT_MARGIN, next_edge
-from ..step.pace import EVALUATIONS, EVENT, GRID, INSIDE, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
+from ..step.pace import ATTEMPTS, EVALUATIONS, EVENT, GRID, INSIDE, MARK, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
 from ..step.program import writes_torques
 from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
 from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
 from .rollout import TOO_COSTLY, TOO_SMALL, inspect, record, tick
+
+STALLED = 5000.0  # attempts at steps ...
+PROGRESS, SHARE = 5e-7, 1e-7  # ... that must bring a run on by so much [s], or by that share of its duration
 
 
 @entry
@@ -65,6 +68,7 @@ def _begin(run, y):
         run.good[i] = y[i]
     for i in range(PACE):
         run.work.pace[i] = y[run.offsets[0].step_control + i]
+    run.work.pace[ATTEMPTS], run.work.pace[MARK] = 0.0, -1e300
     begin_run(run.work, run)
     return inspect(run, time_of(run.plan, 0), y)
 
@@ -112,7 +116,7 @@ def _cross(run, y, k, end, most, out):
         if ends_on_records(run.work) is None or done >= length:  # no error is accepted that is not finite
             if inspect(run, t + done, y):
                 return True
-        if h == 0.0:
+        if h == 0.0 or not _gets_on(plan, pace, t + done):
             y[run.offsets[0].status] = TOO_SMALL
             return True
         if pace[STEPS] + pace[REJECTED] >= most:
@@ -124,6 +128,19 @@ def _cross(run, y, k, end, most, out):
             pace[GRID], pace[INSIDE], pace[EVENT], pace[NEXT] = k + 1.0, done, until, next_record
             return False
     return False
+
+
+@inline
+def _gets_on(plan, pace, now):
+    """Return False if the last `STALLED` attempts have brought a run to almost no later time than before.
+
+    That is how steps end before a posture in which the mass matrix is singular: they shrink with the distance to it.
+    """
+    attempts = pace[STEPS] + pace[REJECTED]
+    if attempts < pace[ATTEMPTS]:
+        return True
+    since, pace[ATTEMPTS], pace[MARK] = pace[MARK], attempts + STALLED, now
+    return now - since > min(PROGRESS, SHARE * plan.steps * plan.h)
 
 
 @inline

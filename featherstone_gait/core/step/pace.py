@@ -19,7 +19,10 @@ GRID = 8  # grid step at which the interval began, plus 1; 0 of a run that has n
 INSIDE = 9  # time since [s], -1 of an interval that is still to begin
 EVENT = 10  # at which the smooth part of the interval ends, by that clock [s]
 NEXT = 11  # record
-SIZE = 12  # of the array
+# Of a run that does not get on: see `_gets_on` in core/integrate/adaptive.py.
+ATTEMPTS = 12  # at steps, at which its progress is looked at next
+MARK = 13  # time when it was looked at last [s]
+SIZE = 14  # of the array
 
 
 @inline
