@@ -37,6 +37,7 @@ from ..core.integrate.rollout import rollout_lanes
 from ..model import Model
 from ..robot_file import load_robot
 from ..run.reference import Reference
+from ..run.simulate import simulate
 from ..run.trajectory import positions
 from ..scene.compile import compile_scene
 from ..view.style import look, subplots
@@ -45,7 +46,6 @@ from .case import Case, Run, case_of, deviation, solution
 from .engines import bounded, disable, mujoco, pin, rolled
 from .precision import COLORS, ENOUGH, measure
 from .scenes import STIFF_SERVO, chain, free_arm, humanoids, stiff_arm
-from .servo import settles
 from .table import in_turn, installed, machine, save_figure, tabulate, write_table
 
 if TYPE_CHECKING:
@@ -67,6 +67,7 @@ WHEEL = "of Pinocchio's wheel; its C++ built by clang -O3 -march=x86-64-v3 takes
 FIXED = ("implicit_euler", "midpoint")
 JUMP = 1e3  # of the error, from which on nothing is interpolated
 MS = 1e-3  # [s]
+SETTLED = 1e-2  # rms joint speed in the last second [rad/s]
 FINER = 16  # a reference's step is the measured one by this
 NOISE = 1e-3  # of the references, lane by lane [rad]
 
@@ -79,9 +80,8 @@ class Speed(NamedTuple):
     joints: Annotated[int, "joints", "6"]
     engine: Annotated[str, "engine", "<26"]
     time: Annotated[float, "us", "9.3f"]  # of the processor [us]
-    error: Annotated[
-        float, "[rad]", "9.1e"
-    ]  # forward dynamics: by the greatest acceleration; humanoid: of joints and turn of the trunk [rad]
+    # Forward dynamics: by the greatest acceleration; humanoid: of joints and turn of the trunk.
+    error: Annotated[float, "[rad]", "9.1e"]
     shift: Annotated[float, "[m]", "9.1e"] = math.nan  # of the trunk [m]
 
 
@@ -393,10 +393,11 @@ def lines(speeds: list[Speed], points: list[Point]) -> list[Line]:
 
 def _clipped_limit(integrator: str) -> float:
     """Return the largest step [s] up to which the stiff arm settles from 0.5 rad."""
-    good = 0.0
+    case, good = stiff_arm("standard", 0.5), 0.0
     for h in (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1):
-        moves, status = settles(integrator, h)
-        if moves or status == "diverged":
+        found = simulate(case.by(integrator, h), 4.0, case.state, case.reference, estimate_error=False)
+        last = found["qd"][-len(found["qd"]) // 4 :]
+        if np.sqrt((last**2).mean()) > SETTLED or found.status == "diverged":
             break
         good = h
     return good

@@ -48,9 +48,8 @@ class Row(NamedTuple):
     reference_error: float  # of what the errors are counted from [rad or m]
     time: Annotated[float, "run [ms/s]", "10.4g"]  # of the compiled run per simulated second [ms]
     call: Annotated[float, "simulate", "10.4g"]  # of `simulate` per simulated second [ms]
-    evaluations: Annotated[
-        int, "evaluations", "12"
-    ]  # of the derivative or implicit solutions; with fixed steps one or, of rk4, four a step
+    # Of the derivative or implicit solutions; with fixed steps one or, of rk4, four a step.
+    evaluations: Annotated[int, "evaluations", "12"]
     status: Annotated[str, "", "<4"]
 
     @property

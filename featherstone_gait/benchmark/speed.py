@@ -68,9 +68,7 @@ class Step(NamedTuple):
 
     scene: Annotated[str, "midpoint, 1 ms", "<26"]
     scalar: Annotated[float, "float64 us", "10.3f"]  # one step in float64 [us]
-    lanes: Annotated[
-        float, "lanes us", "9.3f"
-    ]  # eight to a vector, one thread, per robot, with the set-up of the batch [us]
+    lanes: Annotated[float, "lanes us", "9.3f"]  # eight to a vector, one thread, a robot, with the batch's set-up [us]
     scaling: Annotated[float, "all cores", "10.2f"]  # steps per second on all cores by those on one
     error: Annotated[float, "error", "9.1e"]  # at the end of the run [rad or m]
     reference_error: Annotated[float, "reference", "9.1e"]  # of what the error is counted from
@@ -130,19 +128,8 @@ def time_robot(model: Model, repeats: int) -> list[Row]:
         times[-2] -= times[-1]
         timers, times = timers[:-1], times[:-1]
     medians, spreads = spread(times)
-    return [
-        Row(
-            model.name,
-            len(model.joint_names),
-            t.algorithm,
-            t.width,
-            a,
-            b,
-            t.error,
-            a / medians[0] if has_mujoco else np.nan,
-        )
-        for t, a, b in zip(timers, medians, spreads)
-    ]
+    robot, unit = (model.name, len(model.joint_names)), medians[0] if has_mujoco else np.nan
+    return [Row(*robot, t.algorithm, t.width, a, b, t.error, a / unit) for t, a, b in zip(timers, medians, spreads)]
 
 
 def _question(model: Model) -> Question:

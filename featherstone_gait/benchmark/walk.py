@@ -55,9 +55,8 @@ class Row(NamedTuple):
     per_core: Annotated[float, "1/s/core", "8.1f"]  # rollouts a second and thread
     steps: Annotated[float, "k steps/s", "9.0f"]  # thousand steps a second and thread
     upright: Annotated[float, "upright", "7.0%"]  # share of the rollouts that did not fall
-    error: Annotated[
-        float, "error [m]", "9.1e"
-    ]  # median over the upright of the trunk's largest deviation from a quarter of the step [m]
+    # Median over the upright of the trunk's largest deviation from a quarter of the step.
+    error: Annotated[float, "error [m]", "9.1e"]
     occupancy: Annotated[float, "lanes", "6.1%"]  # share of the lane-steps that a rollout was in; nan without lanes
 
 

@@ -28,7 +28,6 @@ class Benchmark(NamedTuple):
 ALONE = "times are valid only while nothing else runs"
 BENCHMARKS = {
     "speed": Benchmark("times of algorithms and steps, beside MuJoCo's", "speed.csv, speed_steps.csv, speed.png", 3),
-    "servo": Benchmark("which step holds stiff servos still", "servo_arm.csv, servo_pd.csv, servo.png", 1),
     "walk": Benchmark("rollouts of a walk a second, beside MuJoCo's", "walk.csv, walk.png", 3),
     "precision": Benchmark("run time against error of every integrator", "precision.csv, precision.png", 8),
     "peers": Benchmark(
