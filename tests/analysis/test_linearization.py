@@ -10,10 +10,11 @@ import pytest
 from scenes import arm_scene, box_on, pendulum, resting
 from scipy.linalg import expm
 
-from featherstone_gait import Ground, Reference, compile_scene, initial_state, linearize, load_robot, simulate
+from featherstone_gait import Ground, Reference, compile_scene, initial_state, linearize, load_robot, simulate, trim
 from featherstone_gait.analysis.linearization import _spare
 from featherstone_gait.benchmark.linearize import _falling
 from featherstone_gait.model import Controller, Joint, Link, Mimic, Model, Servo, Spring
+from featherstone_gait.walking.walker import load_walker
 
 G, LENGTH, MASS, DAMPING = 9.81, 0.5, 1.0, 0.05  # of `pendulum`
 INERTIA = MASS * LENGTH**2 / 3
@@ -72,6 +73,20 @@ def test_of_the_midpoint_rule_they_approach_it_as_the_square_of_the_step():
     later = state.copy()
     later[scene.layout["end_time"]] = 1.0  # where no run begins by Euler's step
     assert linearize(scene, state, steps=3).A.tobytes() == linearize(scene, later, steps=3).A.tobytes()
+
+
+@pytest.mark.long
+def test_what_alternates_under_the_midpoint_rule_on_a_stiff_floor_dies_at_a_rate_that_both_steps_agree_on():
+    """A motion e^-rt is multiplied by (1 - hr/2) / (1 + hr/2), so the soles' rates r follow from their eigenvalues."""
+    rates = []
+    for h in (1e-3, 2.5e-4):
+        scene = compile_scene(load_walker("humanoid"), "mipsd", Ground(penetration=3e-5), "midpoint", h)
+        rest = trim(scene)
+        values = np.linalg.eigvals(linearize(scene, rest.state, rest.reference, steps=1).A)
+        last = np.sort(values[abs(values.imag) < 1e-6].real)[:4]
+        rates.append(2.0 / h * (1.0 - last) / (1.0 + last))
+    np.testing.assert_allclose(*rates, rtol=0.01)
+    assert rates[0].min() > 20_000.0
 
 
 def sliders(count, stiffness, mass):
