@@ -195,7 +195,8 @@ def _at_equal_speed(cost: WalkingCost, result: OptimizeResult, baselines: Sequen
 
 def _servo_limits(model: Model) -> str:
     """Describe in words what the servo can take."""
-    servo = next((servo for servo in model.servos.values() if servo.voltage_limit < math.inf), None)
+    moving = (model.servos[name] for name in model.joint_names if name in model.servos)
+    servo = next((servo for servo in moving if servo.resistance > 0.0 and servo.voltage_limit < math.inf), None)
     if servo is None:
         return ""
     limit = f", and lets no more than {servo.current_limit:g} A pass" if servo.current_limit < math.inf else ""

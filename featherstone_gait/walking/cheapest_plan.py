@@ -31,7 +31,6 @@ from tqdm import tqdm
 from ..base.arguments import instance, listed, one_of, shown, truth, whole
 from ..base.brief import brief
 from ..base.progress import progress_bar
-from ..dynamics.jacobians import point_at
 from ..identification.curve import torque_speed
 from ..model import Model, Servo
 from ..scene.compile import CompiledScene
@@ -41,9 +40,10 @@ from .cost import WalkingCost
 from .cost_in_worlds import CostInWorlds, variations
 from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of
 from .generic_servo import HEIGHT, LEG
-from .inverse_kinematics import leg_length_to, nearest
-from .kinematics import center_of_mass, joint_limits, link_index, link_poses
-from .plan import BIOLOID_WALK, Plan, Sole, WalkSettings, default_posture, downward, first_base, soles_of, walking_plan
+from .inverse_kinematics import nearest
+from .kinematics import center_of_mass, joint_limits
+from .plan import BIOLOID_WALK, Plan, WalkSettings, downward, walking_plan
+from .stance import Size, default_posture, first_base, size_of, soles_of
 
 PlanKind: TypeAlias = Literal["cheapest", "plain"]
 States: TypeAlias = Literal["stride", "step"]
@@ -188,7 +188,7 @@ def first_gait(
     if abs(standing_posture(model)[0] / HEIGHT - 1.0) < LIKE_BIOLOID:
         plain = BIOLOID_WALK | {"g": g}
     else:
-        plain = asdict(_walk(PLAIN, _size(model, soles_of(model)[0]), g, {}))
+        plain = asdict(_walk(PLAIN, size_of(model, soles_of(model)), g, {}))
     planned = walking_plan(model, **(plain | walk))
     return WalkingCost(scene, fit_states(model, planned, states).gait, planned.start_up(1))
 
@@ -303,14 +303,14 @@ class _Search:
         self.limits = joint_limits(model)
         self.low, self.high = np.array([getattr(box, field.name) for field in fields(box)]).T
         self.soles = soles_of(model)
-        self.length, self.height, self.width = _size(model, self.soles[0])
+        self.size = size_of(model, self.soles)
         if states == "step":
             mirror_of(model)  # raises what no trial is to swallow
 
     def walk(self, point: np.ndarray) -> WalkSettings:
         """Return the walk at a point of the unit box."""
         numbers = (self.low + point * (self.high - self.low)).tolist()
-        return _walk(numbers, (self.length, self.height, self.width), self.g, self.held)
+        return _walk(numbers, self.size, self.g, self.held)
 
     def tried(self, points: np.ndarray, counts: Sequence[int], plain: bool, bar: tqdm) -> list[_Tried]:
         """Try plans at points (n, 6) of the unit box and of smaller boxes around the best, after the plain plan."""
@@ -355,8 +355,9 @@ class _Search:
             missed = np.zeros(len(com))
             for k, sole in enumerate(self.soles):
                 angles, miss = nearest(
-                    model, sole.link, feet[:, k] - base, point=sole.middle, start=angles, tolerance=NEAR, iterations=8
-                )
+                    model, sole.link, feet[:, k] - base, point=sole.middle, rotation=sole.rotation,
+                    joints=sole.joints, start=angles, tolerance=NEAR, iterations=8,
+                )  # fmt: skip
                 missed = np.maximum(missed, miss)
             base = base + com - center_of_mass(model, angles, base)
         lower, upper = self.limits
@@ -381,7 +382,7 @@ class _Search:
         return point, Trial(walk, *self.searched(cost)(fit.gait.to_vector()))
 
 
-def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, held: dict[str, Any]) -> WalkSettings:
+def _walk(numbers: Sequence[float], size: Size, g: float, held: dict[str, Any]) -> WalkSettings:
     """Return the walk of numbers in the units of `Box` and fixed settings; strides are a whole number of ticks."""
     step, time, lift, sinking, width, double = numbers
     length, height, half_width = size
@@ -403,14 +404,6 @@ def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, 
         "g": g,
     }
     return WalkSettings(**({name: round(x, 6) for name, x in settings.items()} | preview | held))
-
-
-def _size(model: Model, left: Sole) -> tuple[float, float, float]:
-    """Return a leg's length, the height of the center of mass and the feet's distance from the middle, at zero [m]."""
-    posture = np.zeros(len(model.joint_names))
-    sole = point_at(link_poses(model, posture), link_index(model, left.link), left.middle)[0]
-    height = float(center_of_mass(model, posture)[0, 2] - sole[2])
-    return leg_length_to(model, left.link, sole), height, abs(float(sole[1]))
 
 
 def _spread(count: int, dimension: int, seed: int) -> np.ndarray:

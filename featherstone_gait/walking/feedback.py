@@ -60,7 +60,7 @@ from .generic_servo import HEIGHT
 from .inverse_kinematics import leg_joints
 from .kinematics import joint_axes, link_centers, link_index, link_poses
 from .motion import Motion, read_motion
-from .plan import soles_of
+from .stance import soles_of
 
 ALONG = 0.9  # component of an axis along x or y from which the joint is one of roll or pitch
 LARGEST = 1e4  # gain

@@ -6,7 +6,8 @@ target out of reach yields the nearest pose instead of diverging (T. Sugihara, "
 inverse kinematics by the Levenberg-Marquardt method", IEEE T-RO 27 (2011)).
 
 A chain of six joints or more meets position and orientation; one of five, position and the tilt of the sole (roll and
-pitch), with an arbitrary yaw; one of three or four, the position of a point foot.
+pitch), with an arbitrary yaw, or with a joint about the vertical its pitch and yaw, with an arbitrary roll, since its
+ankle does not roll; one of three or four, the position of a point foot.
 
 `dynamics.inverse_kinematics` solves one posture at a time, for several targets.
 """
@@ -23,10 +24,11 @@ from ..base.fixed_order import product, solve, total
 from ..dynamics import check_model
 from ..dynamics.jacobians import jacobian_at, point_at
 from ..model import Model
-from .kinematics import joint_limits, link_index, link_poses
+from .kinematics import joint_axes, joint_limits, link_index, link_poses
 
 TOLERANCE = 1e-11  # of the task error [m and rad]; rounding alone leaves 1e-16
 MAX_ITERATIONS = 200
+UPRIGHT = 0.9  # vertical component of an axis about which a leg turns to the side
 MAX_STEP = 0.3  # of a joint in one iteration [rad]; keeps the iteration on the branch it starts on
 
 
@@ -74,7 +76,7 @@ def solve_leg(model: Model, foot: str, target: ArrayLike, *, times: np.ndarray |
     times : ndarray, shape (n,), optional
         Times of the targets, for messages [s].
     **how
-        point, rotation, start and tolerance: see `inverse_kinematics.nearest`.
+        point, rotation, joints, start and tolerance: see `inverse_kinematics.nearest`.
 
     Returns
     -------
@@ -126,6 +128,7 @@ def nearest(
     *,
     point: ArrayLike = (0.0, 0.0, 0.0),
     rotation: np.ndarray | None = None,
+    joints: tuple[int, ...] | None = None,
     start: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
     iterations: int = MAX_ITERATIONS,
@@ -133,15 +136,16 @@ def nearest(
     """Solve for the joints between the root link and a foot, approaching targets out of reach as nearly as possible.
 
     target (n, 3) [m]: positions of `point` (in the foot's axes), seen from the root link; rotation (3, 3): the foot's
-    orientation, by default that of the zero posture; start: posture (nj,) or postures (n, nj) from which the iteration
-    starts, by default the middle of the joint ranges; it decides how the knee bends, and joints outside the leg keep
-    its values.  Returns joint angles (n, nj) [rad] and the error of each target (n,) [m and rad].
+    orientation, by default that of the zero posture; joints: columns of the joints that move, by default `leg_joints`;
+    start: posture (nj,) or postures (n, nj) from which the iteration starts, by default the middle of the joint ranges;
+    it decides how the knee bends, and joints outside the leg keep its values.  Returns joint angles (n, nj) [rad] and
+    the error of each target (n,) [m and rad].
     """
     check_model(model)
     instance("foot", foot, str, "give the name of a link")
     target = finite("target", np.atleast_2d(floats("target", target)), (None, 3), "[m]")
-    columns, index = list(leg_joints(model, foot)), link_index(model, foot)
-    met = {5: 5, 4: 3, 3: 3}.get(len(columns), 6 if len(columns) > 5 else 5)  # rows of the task
+    columns, index = list(leg_joints(model, foot) if joints is None else joints), link_index(model, foot)
+    met = _met(model, columns)
     moved = [model.nv - len(model.joint_names) + column for column in columns]
     if rotation is None:
         rotation = link_poses(model, np.zeros(len(model.joint_names))).rotation[0, index]
@@ -151,15 +155,25 @@ def nearest(
         poses = link_poses(model, angles)
         # Half the sum of the cross products of the axes: the rotation's axis times the sine of its angle.
         turn = 0.5 * total(np.cross(poses.rotation[:, index], rotation[None], axis=1))
-        error = np.concatenate([target - point_at(poses, index, point), turn], axis=1)[:, :met]
+        error = np.concatenate([target - point_at(poses, index, point), turn], axis=1)[:, met]
         size = np.sqrt(total(error * error))
         if (size < tolerance).all() or k == iterations - 1:
             break
-        J = jacobian_at(model, poses, foot, point)[:, [3, 4, 5, 0, 1, 2]][:, :met, moved]
+        J = jacobian_at(model, poses, foot, point)[:, [3, 4, 5, 0, 1, 2]][:, met][:, :, moved]
         transposed, damping = J.transpose(0, 2, 1), (size * size)[:, None, None] * np.eye(J.shape[1])
         step = product(transposed, solve(product(J, transposed) + damping, error[..., None]))
         angles[:, columns] += np.clip(step[..., 0], -MAX_STEP, MAX_STEP)
     return angles, size
+
+
+def _met(model: Model, columns: list[int]) -> list[int]:
+    """Return the rows of the task that a leg meets, of position, roll, pitch and yaw."""
+    if len(columns) > 5:
+        return [0, 1, 2, 3, 4, 5]
+    if len(columns) in (3, 4):
+        return [0, 1, 2]
+    axes = joint_axes(model, link_poses(model, np.zeros(len(model.joint_names))))[0, columns]
+    return [0, 1, 2, 4, 5] if (np.abs(axes[:, 2]) > UPRIGHT).any() else [0, 1, 2, 3, 4]
 
 
 def mid_range(model: Model) -> np.ndarray:

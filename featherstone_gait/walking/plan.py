@@ -23,23 +23,22 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import finite, is_real, one_of, real, shown, texts, whole
+from ..base.arguments import finite, is_real, one_of, real, shown, whole
 from ..base.brief import brief
 from ..base.deprecated import renamed
-from ..base.fixed_order import applied, total
 from ..base.portable_math import sincos
-from ..dynamics import check_model, contact_positions_at
+from ..dynamics import check_model
 from ..model import Model
 from ..scene.tree import GRAVITY
 from .auxiliary_zmp import plan_com_auxiliary
-from .inverse_kinematics import check_limits, leg_joints, mid_range, reach
-from .kinematics import center_of_mass, link_index, link_poses
+from .inverse_kinematics import check_limits, reach
+from .kinematics import center_of_mass
 from .preview_control import plan_com
+from .stance import Sole, default_posture, first_base, soles_of
 from .zero_moment_point import multibody_zmp, polygon_margin, support_polygon
 
 Preview: TypeAlias = Literal["cart_table", "auxiliary_zmp"]
 FOLLOWED = 1e-9  # tolerance of the center of mass along its path [m]
-SOLE_THICKNESS = 1e-3  # contact points this close to a foot's lowest one belong to its sole [m]
 TINY, HUGE = 1e-12, 1e12  # settings of a walk [SI]
 MOST_STEPS, MOST_SAMPLES = 10**4, 10**5  # of a walk; of a step, and of preview
 STILL = 1e-3  # change of an angle by which the walk has begun [rad]
@@ -281,8 +280,8 @@ def walking_plan(
     feet : sequence of str, optional
         Links of the left and the right foot; by default the two that carry the lowest contact points.
     posture : array_like, shape (nj,), optional
-        Posture that the joints outside the legs keep and that decides how the knees bend [rad]; by default the middle
-        of the ranges of the leg joints, 0 elsewhere.
+        Posture that the joints outside the legs keep and that decides how the knees bend [rad]; by default the keyframe
+        "stand", "standing" or "home", without one the middle of the ranges of the leg joints, 0 elsewhere.
     followed : float
         Tolerance of the center of mass along its path [m]; with 1e-5 a plan takes half the time.
     **settings
@@ -321,51 +320,6 @@ def walking_plan(
     support = tuple(support_polygon(np.concatenate(each[stands])) for each, stands in zip(corners, contact))
     zmp = multibody_zmp(model, angles, base, walk.T, walk.g)
     return Plan(walk, model.joint_names, times, angles, base, com, feet_path, contact, support, zmp_reference, zmp)
-
-
-@dataclass(frozen=True, eq=False)
-class Sole:
-    """A foot's sole, level with all joints at zero."""
-
-    link: str
-    middle: np.ndarray  # (3,) in the link's axes [m]
-    corners: np.ndarray  # (k, 2) from the middle, world axes [m]
-
-    __repr__ = brief
-
-
-def soles_of(model: Model, feet: Sequence[str] | None = None) -> tuple[Sole, ...]:
-    """Find the left and the right sole from the contact points, all joints at zero; `feet`: as of `walking_plan`.
-
-    Raises ValueError for a model without two soles.
-    """
-    poses = link_poses(model, np.zeros(len(model.joint_names)))
-    points, links = contact_positions_at(model, poses)[0], np.array([contact.link for contact in model.contacts])
-    placed = {link: points[links == link] for link in dict.fromkeys(links.tolist())}
-    if feet is None:
-        feet = sorted(placed, key=lambda link: placed[link][:, 2].min())[:2]
-        feet.sort(key=lambda link: -placed[link][:, 1].mean())
-    feet = texts("feet", feet, "give the names of the left and the right foot")
-    if len(feet) != 2 or not all(link in list(placed) for link in feet):
-        raise ValueError(f"model {model.name!r}: a walk needs contact points on two feet, got {feet} of {list(placed)}")
-    soles = []
-    for i, link in ((link_index(model, link), link) for link in feet):
-        sole = placed[link][placed[link][:, 2] < placed[link][:, 2].min() + SOLE_THICKNESS]
-        if len(sole) < 3:
-            raise ValueError(
-                f"model {model.name!r}: the sole of {link!r} needs 3 or more contact points, got {len(sole)}"
-            )
-        middle = total(sole, axis=0) / len(sole)
-        local = applied(poses.rotation[0, i].T, middle - poses.position[0, i])
-        soles.append(Sole(link, local, (sole - middle)[:, :2]))
-    return tuple(soles)
-
-
-def default_posture(model: Model, soles: Iterable[Sole]) -> np.ndarray:
-    """Return the posture (nj,) [rad] with the leg joints in the middle of their ranges, 0 elsewhere."""
-    posture, columns = np.zeros(len(model.joint_names)), [k for sole in soles for k in leg_joints(model, sole.link)]
-    posture[columns] = mid_range(model)[columns]
-    return posture
 
 
 def _footholds(walk: WalkSettings) -> np.ndarray:
@@ -425,15 +379,6 @@ def _com_path(walk: WalkSettings, zmp: np.ndarray, height: float) -> np.ndarray:
     return np.column_stack([position, np.full(len(position), height)])
 
 
-def first_base(model: Model, soles: Sequence[Sole], posture: np.ndarray, com: np.ndarray) -> np.ndarray:
-    """Guess root positions (n, 3) [m]: the center of mass above its path, the height at which `posture` stands."""
-    poses = link_poses(model, posture)
-    base = com - center_of_mass(model, posture)
-    i = link_index(model, soles[0].link)
-    base[:, 2] = -(poses.position[0, i] + applied(poses.rotation[0, i], soles[0].middle))[2]
-    return base
-
-
 def _follow(
     model: Model,
     soles: Sequence[Sole],
@@ -452,8 +397,8 @@ def _follow(
     for _ in range(100):
         for k, sole in enumerate(soles):
             angles = reach(
-                model, sole.link, feet_path[:, k] - base,
-                point=sole.middle, start=angles, times=times, tolerance=1e-2 * followed,
+                model, sole.link, feet_path[:, k] - base, point=sole.middle, rotation=sole.rotation,
+                joints=sole.joints, start=angles, times=times, tolerance=1e-2 * followed,
             )  # fmt: skip
         missed = com - center_of_mass(model, angles, base)
         if np.abs(missed).max() < followed:

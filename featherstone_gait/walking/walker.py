@@ -22,9 +22,9 @@ from ..model import Base, Model
 from ..robot_file import load_robot, robot_names
 from ..robot_file.servos import with_servo
 from .generic_servo import with_generic_servos
-from .inverse_kinematics import leg_joints, leg_length_to
+from .inverse_kinematics import leg_length_to
 from .kinematics import link_poses
-from .plan import soles_of
+from .stance import soles_of, standing
 
 GENERIC, MARGIN = "generic", 2.0  # times as strong as an AX-12 scaled to the robot: with 1 no plan of a G1 walks
 
@@ -40,10 +40,10 @@ def load_walker(
 ) -> Model:
     """Load a robot with a floating base and contact points on its feet; of "humanoid" the simplified one.
 
-    legs_only: lock all joints but those of its two legs, as near to zero as their limits allow; joints: lock all but
-    these; base, contacts, locked: as in `load_robot`.  A robot of `robot_names()`, and a file that states them, keeps
-    its own base and contacts.  Raises ValueError for `legs_only` and a robot without two soles, for unknown joints, and
-    as `load_robot`.
+    legs_only: lock all joints but those of its two legs, where they are in the keyframe in which the robot stands, or
+    as near to zero as their limits allow; joints: lock all but these; base, contacts, locked: as in `load_robot`.  A
+    robot of `robot_names()`, and a file that states them, keeps its own base and contacts.  Raises ValueError for
+    `legs_only` and a robot without two soles, for unknown joints, and as `load_robot`.
     """
     truth("legs_only", legs_only)
     locked = "simplified" if locked is None and robot == "humanoid" else locked
@@ -57,12 +57,13 @@ def load_walker(
             found = load_robot(robot, **known)
     moving = found.joint_names
     if legs_only:
-        moving = tuple(moving[k] for sole in soles_of(found) for k in leg_joints(found, sole.link))
+        moving = tuple(moving[k] for sole in soles_of(found) for k in sole.joints)
     if joints is not None:
         moving = tuple(texts("joints", joints))
         if unknown := [name for name in moving if name not in found.joint_names]:
             raise ValueError(f"joints: {unknown[0]!r} is no moving joint of {found.name}; load it without holding it")
-    held = {one.name: min(max(0.0, one.lower), one.upper) for one in found.moving_joints if one.name not in moving}
+    rest = zip(found.moving_joints, standing(found)[0].tolist())
+    held = {one.name: min(max(angle, one.lower), one.upper) for one, angle in rest if one.name not in moving}
     return load_robot(robot, **known | ({"locked": {**found.locked, **held}} if held else {}))
 
 
