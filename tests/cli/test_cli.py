@@ -191,7 +191,29 @@ def test_every_servo_of_the_package_is_taken_with_the_gear_that_it_has(command, 
         assert part in said
 
 
+@pytest.fixture(scope="module")
+def planned_once():
+    """Make each plan of the humanoid once: it depends on links and joints, which all servos leave as they are."""
+    module, known = importlib.import_module("featherstone_gait.walking.cheapest_plan"), {}
+
+    def planned(model, make=module.walking_plan, **settings):
+        key = repr((model.links, model.joints, sorted(settings.items())))
+        if key not in known:
+            try:
+                known[key] = make(model, **settings)
+            except ValueError as error:
+                known[key] = error
+        if isinstance(known[key], ValueError):
+            raise known[key]
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "walking_plan", planned)
+        yield
+
+
 @pytest.mark.long
+@pytest.mark.usefixtures("planned_once")
 @pytest.mark.parametrize("servo", PRESETS)
 def test_a_search_with_every_servo_of_the_package_walks_or_says_in_a_line_why_not(servo, tmp_path, capsys):
     """The weakest turn too slowly for all plans, which the line says."""
