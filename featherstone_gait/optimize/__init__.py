@@ -7,8 +7,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what `__getattr__` finds
+    from .baselines import BASELINES as BASELINES
     from .job import main_job as main_job
-    from .measure import BASELINES as BASELINES
     from .options import OptimizeOptions as OptimizeOptions
     from .planning import walking_cost as walking_cost
     from .plots import plot_angles as plot_angles
@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .summary_table import summary as summary
 
 _MODULES = {
-    "job": ["main_job"], "measure": ["BASELINES"], "options": ["OptimizeOptions"], "planning": ["walking_cost"],
+    "baselines": ["BASELINES"], "job": ["main_job"], "options": ["OptimizeOptions"], "planning": ["walking_cost"],
     "plots": ["plot_angles", "plot_convergence"], "report": ["write_results"],
     "search": ["AMPLITUDE", "optimize_gait", "optimize_with_limits"], "summary_table": ["summary"],
 }  # fmt: skip

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from ..base.files import FilePath, parse_json
-from ..base.progress import progress_bar
 from ..crosscheck import crosscheck, motion_of, verdict
 from ..crosscheck.run import files as crosscheck_files
 from ..model import Model
@@ -20,21 +19,16 @@ from ..robot_file import load_servo
 from ..robot_file.servos import servo_names
 from ..scene.actuator import usual_gearbox
 from ..view.gait_page import least_so_far, parts_of
-from ..walking.cheapest_plan import PlanKind, States
 from ..walking.cost import WalkingCost
+from ..walking.feedback import BalancedWalk
 from ..walking.walker import GENERIC
+from .baselines import Stored, measure_baselines, stored_baselines
 from .feedback import report_feedback
-from .planning import Start, walking_cost
+from .planning import Start
 from .preparation import Job
 from .quality import Quality, measure_in_test_worlds, measure_limits, measure_quality, with_standby
 from .selection import Selected
 
-BASELINES: dict[str, dict[str, Any]] = {  # plans that the gait is compared with, by what they change of the walk
-    "plain plan": {},
-    "plan of 35 mm": {"step_length": 0.035},
-}
-CHEAPEST = "cheapest plan"  # that which `walking.cheapest_plan` finds
-BASELINE_WORLDS = 50  # of plans that are not the first gait, which walks in all
 SPEED_TOLERANCE = 0.05  # by how much speeds may differ that are called equal [-]
 STANDBY = 0.05  # current of a servo's electronics, of an AX-12 [A]
 
@@ -46,18 +40,16 @@ def measure(job: Job, start: Start, result: OptimizeResult, found: Selected) -> 
         options = replace(options, test_worlds=0, crosscheck=0, baselines=False)
     gaits = {"before": cost.gait.to_vector(), "after": found.x}
     quality = {side: measure_quality(cost, x) for side, x in gaits.items()}
-    worlds, limits = None, {side: measure_limits(cost, x, start.watch) for side, x in gaits.items()}
-    if options.test_worlds:
-        walks = [gaits["before"], found.walk or found.x]
-        worlds = measure_in_test_worlds(cost, walks, options.test_worlds, options.progress)
+    limits = {side: measure_limits(cost, x, start.watch) for side, x in gaits.items()}
+    stored = stored_baselines(quality["before"].measures) if job.robot == "humanoid" else {}
+    worlds = _in_test_worlds(cost, stored, found.walk or found.x, options.test_worlds, options.progress)
     checked, path = (
         _walk_in_mujoco(job, cost, found) if options.crosscheck else None,
         crosscheck_files(job.crosscheck)[0],
     )
     floors = parse_json(path.read_bytes(), str(path), "delete it")["floors"] if checked and path.exists() else []
     cheapest = start.plan != "cheapest" and options.baselines and options.worlds > 0
-    count = min(options.test_worlds, BASELINE_WORLDS)
-    baselines = _baselines(cost, start.plan, count, options.progress, cheapest)
+    baselines = measure_baselines(cost, start.plan, options.test_worlds, options.progress, cheapest, stored)
     if worlds:
         baselines[0]["elsewhere"] = worlds[0]
     return {
@@ -75,6 +67,18 @@ def measure(job: Job, start: Start, result: OptimizeResult, found: Selected) -> 
         "baselines": baselines,
         "at_equal_speed": _at_equal_speed(cost, result, baselines),
     }
+
+
+def _in_test_worlds(
+    cost: WalkingCost, stored: Stored, gait: np.ndarray | BalancedWalk, count: int, progress: bool
+) -> list[dict[str, Any]] | None:
+    """Walk the first gait, unless that is stored, and the optimized one in test worlds; return None for none."""
+    if not count:
+        return None
+    known = next(iter(stored.values()), None)
+    before = [] if known is None or known["elsewhere"]["worlds"] != count else [known["elsewhere"]]
+    gaits = [gait] if before else [cost.gait.to_vector(), gait]
+    return before + measure_in_test_worlds(cost, gaits, count, progress)
 
 
 def measure_with_own_servos(own: Model, cost: WalkingCost) -> dict:
@@ -138,37 +142,6 @@ def _walk_in_mujoco(job: Job, cost: WalkingCost, found: Selected) -> str:
         return f"not run: {error}"
     except KeyboardInterrupt:
         return "interrupted; featherstone-gait crosscheck continues it"
-
-
-def _baselines(
-    cost: WalkingCost, plan: PlanKind, test_worlds: int, progress: bool, cheapest: bool
-) -> list[dict[str, Any]]:
-    """Measure each of `BASELINES` like the optimized gait; of one that cannot be planned or falls, give the reason.
-
-    The first row is the first gait, that of `plan`; cheapest: search for the cheapest plan too.
-    """
-    scene, found = cost.scene, []
-    asked: dict[str, dict[str, Any]] = BASELINES | ({CHEAPEST: {"plan": "cheapest"}} if cheapest else {})
-    if plan == "cheapest":
-        asked = {CHEAPEST: {}} | {name: walk for name, walk in asked.items() if walk}
-    for name, walk in progress_bar(asked.items(), "baselines", progress=progress and test_worlds > 0, unit="plan"):
-        row: dict[str, Any] = {"name": name, "walk": walk, "status": "ok", "elsewhere": None}
-        try:
-            assert scene.gearbox is not None
-            states: States = "stride" if cost.gait.mirror is None else "step"
-            one = cost
-            if walk:
-                how = {"states": states, "progress": progress, **walk}
-                one = walking_cost(scene.model, scene.gearbox, scene.ground, scene.gravity, **how)
-        except ValueError as error:
-            found.append(row | {"status": str(error)})
-            continue
-        x = one.gait.to_vector()
-        row |= one.measure([x])[0].as_dict()
-        if walk and test_worlds and row["status"] == "ok":  # those of the first gait are known
-            (row["elsewhere"],) = measure_in_test_worlds(one, [x], test_worlds, False)
-        found.append(row)
-    return found
 
 
 def _at_equal_speed(cost: WalkingCost, result: OptimizeResult, baselines: Sequence[dict]) -> list[dict[str, Any]]:

@@ -17,6 +17,7 @@ from featherstone_gait import cli, load_robot, load_servo
 from featherstone_gait.crosscheck import FLOORS
 from featherstone_gait.optimize import (
     OptimizeOptions,
+    baselines,
     main_job,
     measure,
     optimize_gait,
@@ -312,6 +313,25 @@ def test_what_is_found_is_tried_in_worlds_that_no_search_has_seen(job, cost):
     again = measure_in_test_worlds(cost, [cost.gait.to_vector()], 4)[0]
     assert again == report["elsewhere"]["before"]
     assert again["cost"] == sorted(again["cost"])
+
+
+def test_stored_baselines_serve_the_humanoid_s_first_gait_and_no_other(cost):
+    first = walking_cost(load_robot("humanoid", locked="simplified"), states="step")
+    stored = baselines.stored_baselines(first.measure([first.gait.to_vector()])[0])
+    assert [*stored] == [*baselines.BASELINES, baselines.CHEAPEST]
+    assert not baselines.stored_baselines(cost.measure([cost.gait.to_vector()])[0])
+    for count in (200, 3, 0):
+        rows = baselines.measure_baselines(first, "plain", count, False, True, stored)
+        assert [row["cost"] for row in rows] == [row["cost"] for row in stored.values()]
+        worlds = [row["elsewhere"] and row["elsewhere"]["worlds"] for row in rows]
+        assert worlds == [None, *[min(count, 50) or None] * 2]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("servo", baselines.SERVOS)
+def test_stored_baselines_are_what_is_measured_today(servo):
+    kept = json.loads(baselines.FILE.read_text())["servos"][servo or "own"]
+    assert json.loads(json.dumps(baselines.stored_anew(servo))) == kept
 
 
 def test_the_poses_are_those_of_a_step_where_the_legs_mirror_each_other():
