@@ -19,7 +19,7 @@ ROOMS = [str(path) for path in sorted(TESTS.iterdir()) if path.is_dir() and path
 sys.path.extend(ROOMS)  # what tests share is in support/; processes that they start find it too
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(TESTS.parent), *ROOMS, os.environ.get("PYTHONPATH")]))
 
-APART = ("test_notebooks.py", "test_docs.py", "test_published_robots.py")
+APART = ("test_notebooks.py", "test_docs.py", "test_docs_tables.py", "test_published_robots.py")
 LONGEST = """
     notebooks gear_friction beyond_the_paper integrators simulation crash optimize worlds study springs
     crosscheck firmware error_estimate ars343 cache maximal cli linearization physics_servo walking coupling

@@ -3,7 +3,6 @@
 import ast
 import importlib
 import inspect
-import json
 import os
 import re
 import subprocess
@@ -11,13 +10,11 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from featherstone_gait import cli, load_robot
+from featherstone_gait import cli
 from featherstone_gait.core.step.state import CHANNELS
 from featherstone_gait.model import ContactPoint, Supply
-from featherstone_gait.optimize import walking_cost
 from featherstone_gait.robot_file.servos import SERVO_KEYS, ManualPoint
 from featherstone_gait.robot_file.settings import OWN, SECTIONS
 
@@ -38,24 +35,15 @@ PROGRAMS = [  # those that define kernels are also run without compilation
 ]  # fmt: skip
 
 
-def run(text, folder):
-    """Run all blocks of a page as one program in a folder, where it may write; lines are numbered as in the page."""
-    parts = ("\n" + part if k % 2 else "\n" * part.count("\n") for k, part in enumerate(CODE.split(text)))
-    (folder / "page.py").write_text("".join(parts), "utf-8")
-    command, environment = [sys.executable, "-W", "error", "page.py"], os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("text", PROGRAMS)
 def test_what_a_page_says_holds(text, tmp_path):
-    done = run(text, tmp_path)
+    """All blocks of a page are one program in a folder where it may write; lines are numbered as in the page."""
+    parts = ("\n" + part if k % 2 else "\n" * part.count("\n") for k, part in enumerate(CODE.split(text)))
+    (tmp_path / "page.py").write_text("".join(parts), "utf-8")
+    command, environment = [sys.executable, "-W", "error", "page.py"], os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-def test_a_page_that_is_wrong_fails_where_it_is_wrong(tmp_path):
-    done = run("A page.\n\n```python\nx = 1\n```\n\n```python\nassert x == 2\n```\n", tmp_path)
-    assert (done.returncode, "line 8" in done.stderr) == (1, True)
 
 
 def test_pages_name_every_timing_and_no_other():
@@ -130,25 +118,6 @@ def test_every_command_and_channel_is_listed():
     assert re.findall(r"^\| `.*", ARCHITECTURE.partition("## Channels")[2].partition("##")[0], re.MULTILINE) == rows
 
 
-def test_tables_group_label_transpose_and_scale(monkeypatch):
-    first = {"robot": "arm", "gait": "first", "cost": "1.25", "fell": ""}
-    records = [first, first | {"gait": "last", "cost": "", "fell": "3"}, first | {"robot": "leg", "cost": "-0.01"}]
-    tables = importlib.import_module("tables")
-    monkeypatch.setattr(tables, "records", {"a.csv": records, "b.csv": [{"x": "1e-05"}]}.get)
-    block = "```{results-table} a.csv\nrobot | {robot}\ncost | {cost:.1f} J ?? falls, {fell} s\n```\n"
-    assert tables.resolved(block).splitlines()[2:] == ["| arm | 1.2 J |", "| arm | falls, 3 s |", "| leg | 0.0 J |"]
-    wide = ":rows: robot\n:columns: gait\n | {robot}\n{gait} | {cost*10:.1f} ?? -\nwalk | {count cost} of {count gait}"
-    header, _, *rows = tables.table(["a.csv"], wide).splitlines()
-    assert header == "| | walk | first | last |"
-    assert rows == ["| arm | 1 of 2 | 12.5 | - |", "| leg | 1 of 1 | -0.1 | |"]
-    text = ":transpose:\n | {label}\nleast | {min cost:.2f}\nx | {x:.0e} ?? none\n= all | a.csv; robot=arm + b.csv\n"
-    assert tables.table(["a.csv"], text).splitlines()[2:] == ["| least | 1.25 |", "| x | 1e-5 |"]
-    assert tables.resolved("It costs {{ a.csv | robot=arm; gait=first | {cost:.1f} }} J.") == "It costs 1.2 J."
-    for refused, named in ("c | {price}", "price"), ("c | {cost}", "cost"), ("= all | robot=hand", "hand"), ("c", "c"):
-        with pytest.raises(ValueError, match=named):
-            tables.table(["a.csv"], refused)
-
-
 def test_the_readme_shows_the_stored_results(capsys):
     readme = importlib.import_module("readme")
     assert readme.main(check=True) == 0, capsys.readouterr().out
@@ -166,39 +135,3 @@ def test_every_stored_file_has_its_command():
     assert kept - files == set()
     assert [path for path in {*scripts, *(STORED / name for name in files)} if not path.resolve().exists()] == []
     assert all(map(importlib.util.find_spec, re.findall(r"-m (featherstone_gait[\w.]*)", commands)))
-
-
-def test_reports_are_kept_without_the_machine_and_the_candidates(tmp_path):
-    keep = importlib.import_module("measure").keep
-    np.savez(tmp_path / "all.npz", x=[1.0], visited=np.zeros((8, 4)), costs=np.zeros(8), format="gait")
-    keep(tmp_path / "all.npz", tmp_path / "kept.npz")
-    with np.load(tmp_path / "kept.npz") as found:
-        assert sorted(found.files) == ["format", "x"]
-        assert (str(found["format"]), found["x"].tolist()) == ("gait", [1.0])
-    report = json.loads((STORED / "gait_seed_1.json").read_text("utf-8"))
-    (tmp_path / "report.json").write_text(json.dumps(report | {"seconds": 1.0}), "utf-8")
-    keep(tmp_path / "report.json", tmp_path / "kept.json")
-    kept = json.loads((tmp_path / "kept.json").read_text("utf-8"))
-    assert kept == {key: report[key] for key in report if key != "command"}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [("plans", 2), ("previews", 4), ("grounds", 10), ("pushes", 1), ("solver", 2), ("arm", 3), ("posture", 2)],
-)
-def test_measured_again_the_first_rows_of_a_table_are_the_stored_ones(name, count):
-    """Those that take a minute at most; `python docs/measure.py` measures all."""
-    measure = importlib.import_module("measure")
-    assert name in measure.TABLES
-    assert measure.measured(name, count) == measure.read(name)[: 1 + count]
-
-
-@pytest.mark.long
-def test_the_stored_gait_walks_as_its_report_says():
-    folder = ROOT / "robots" / "humanoid"
-    report = json.loads((folder / "optimized_gait.json").read_text("utf-8"))
-    cost = walking_cost(load_robot("humanoid", locked="simplified"), states="step")
-    with np.load(folder / "optimized_gait.npz") as data:
-        measures = cost.measure([data["first"], data["x"]])
-    assert [m.cost for m in measures] == [report[key]["cost"] for key in ("before", "after")]
