@@ -13,6 +13,7 @@ from test_cli import quadruped
 
 from featherstone_gait import cli
 from featherstone_gait.benchmark import precision, speed
+from featherstone_gait.crosscheck import FLOORS
 from featherstone_gait.robot_file.source import robots_folder
 from featherstone_gait.view import live
 
@@ -70,10 +71,13 @@ def files_of(line, folder):
 @pytest.mark.quick("info_humanoid", "servos", "servos_ax12*", "export_*", "view_humanoid", "view_dog*", "info_my_*")
 @pytest.mark.parametrize("line", [pytest.param(each, id=each.replace(" ", "_")) for each in examples()])
 def test_an_example_runs(line, folder, monkeypatch, tmp_path):
-    """Benchmarks, which have no smaller size, are called alone; a page is served and left."""
+    """Benchmarks, which have no smaller size, are called alone; a page is served and left; two floors stand for all."""
     monkeypatch.chdir(folder)
     files_of(line, folder)
     monkeypatch.setattr(live.Live, "wait", lambda self: self.stop())
+    for name in [*FLOORS] if "optimize" in line else ():
+        if name not in ("10ms_0.9", "20ms_0.9"):
+            monkeypatch.delitem(FLOORS, name)
     for module in (speed, precision):
         monkeypatch.setattr(module, "run", lambda out, full: None)
     with ExitStack() as stack:
