@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from ..core.effects.energies import ENERGIES
 from ..core.step import pace
 from ..scene.channels import unit_of
-from ..scene.compile import JUMPING, CompiledScene
+from ..scene.compile import CompiledScene
 from ..scene.external import Push
 from ..scene.friction import widened
 from .classify import beyond_stability
@@ -33,6 +33,9 @@ SHARE = 0.35  # of the difference, that is taken for the error
 WHOLE_OF_IT = 1.0  # where the second run is finer or has wider friction, or many steps are rejected
 OF_TENTH = 1.2  # of the difference to a third run at a tenth of the tolerance, which has a tenth of the error or more
 STRICTEST = 1e-14  # tolerance
+# Of a controller that counts, a joint may hover at the edge of a count, where two alike runs are on the wrong side.
+FAR_FINER = 1000.0  # tolerance of the second run there, by the run's: half as much again in time as a tenth of it
+DECIDED = 1e-9  # tolerance up to which counts are decided
 MANY = 0.5  # of those taken; some 0.1 are of a smooth motion
 OF_TWICE, OF_HALF = {1: 2.4, 2: 1.2}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
 OF_HIGHER = 0.38
@@ -75,7 +78,9 @@ def second_run(
     """
     if rtol is not None and atol is not None:
         finer = Rerun(scene, *(max(value / COARSER, STRICTEST) for value in (rtol, atol)))
-        if rtol > JUMPING and scene.counts:
+        if scene.counts and rtol > DECIDED:
+            if scene.method.name == "extrapolation":
+                finer = Rerun(scene, *(max(value / FAR_FINER, DECIDED) for value in (rtol, atol)))
             return SecondRun(*finer, WHOLE_OF_IT)
         other = _with_coarser_tolerance(scene)
         softer = other.constants.friction is not scene.constants.friction

@@ -300,6 +300,18 @@ def test_a_law_in_counts_is_compared_with_a_finer_run():
         assert other.rtol == pytest.approx(1e-3 if share < 1.0 else 1e-5)
 
 
+def test_a_count_that_a_tenth_of_the_tolerance_misses_is_told():
+    """The arm hovers at the edge of a count, where runs at 1e-5 and 1e-6 are both on the wrong side."""
+    scene = compile_scene(with_servo(load_robot("ax12_arm"), "ax12", pwm_steps=1023.0), "rotor", None, "extrapolation")
+    goal = {"reference": Reference([0.0], [[1.0231397190563514]])}
+    run, exact = simulate(scene, 1.0, **goal, rtol=1e-5), simulate(scene, 1.0, **goal, rtol=1e-12, estimate_error=False)
+    tenth = simulate(scene, 1.0, **goal, rtol=1e-6, estimate_error=False)
+    true = np.abs(run["q"] - exact["q"]).max()
+    assert true > 1e-5
+    assert np.abs(run["q"] - tenth["q"]).max() < 0.1 * true
+    assert 0.5 * true < run.error["q"].max() < 2.0 * true
+
+
 @pytest.mark.long
 def test_records_that_end_all_steps_hide_no_error():
     scene, exactly = (compile_scene(pendulum(damping=0.0), integrator=name) for name in ("extrapolation", "dop853"))
