@@ -22,6 +22,7 @@ EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "servo_terms",
     "identification",
     "seven_joint_arm",
+    "ratio_and_joints",
     "energy_repeatability",
     "posture",
     "solver_scatter",
