@@ -27,6 +27,7 @@ EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "posture",
     "solver_scatter",
     "gait_optimization",
+    "noisy_searches",
     "what_stops",
     "method_comparison",
     "robustness",

@@ -225,7 +225,7 @@ def _search(settings: GaitSearchSettings, planned: WalkingCost, condition: Condi
     result = finished(minimize(
         None, cost.gait.to_vector(), amplitude=settings.amplitude, max_miss=MAX_MISS, max_iterations=n, no_progress=n,
         bounds=bounds(cost.scene.model, cost.gait), seed=seed, **_history(settings, cost, condition, seed),
-        evaluate=lambda candidates: _evaluate(cost, condition.noise, candidates),
+        evaluate=lambda candidates: evaluate(cost, condition.noise, candidates),
     ))  # fmt: skip
     accepted = np.flatnonzero(result.history["accepted"])
     latest = accepted[np.cumsum(result.history["accepted"]) - 1]
@@ -235,7 +235,7 @@ def _search(settings: GaitSearchSettings, planned: WalkingCost, condition: Condi
     return GaitSearch(condition, seed, result.history["f"][latest], at, found, steps, result.x)
 
 
-def _evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float:
+def evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float:
     """Evaluate the candidates of a search, with noise that depends on the final state of a run."""
     state = standing_state(cost.scene, cost.start[0])
 

@@ -156,7 +156,7 @@ def run(settings: StopSettings = QUICK, seed: int = 0, progress: bool = False) -
 
 def search(settings: StopSettings, condition: Condition, seed: int) -> Search:
     """Make one search, and measure the gait found."""
-    cost = _first(condition)
+    cost = first_gait(condition)
     done = finished(_searched(settings, cost, condition, seed))
     f, x, accepted = done.history["f"], done.history["x"], np.flatnonzero(done.history["accepted"])
     best = np.minimum.accumulate(np.where(np.isfinite(f), f, np.inf))
@@ -185,11 +185,11 @@ def _planned(plan: PlanKind, states: States) -> WalkingCost:
     return planned_walk(plan=plan, states=states)
 
 
-def _first(condition: Condition) -> WalkingCost:
+def first_gait(condition: Condition) -> WalkingCost:
     """Return the first gait of a condition, on its own floor."""
     planned = _planned(condition.plan, condition.states)
     if condition.program == OURS:
-        return planned
+        return planned if condition.gearbox == "mipsd" else recompiled(planned, gearbox=condition.gearbox)
     return recompiled(planned, gearbox=condition.gearbox, integrator=EXPLICIT, timestep=condition.step)
 
 
@@ -200,13 +200,13 @@ def _searched(settings: StopSettings, cost: WalkingCost, condition: Condition, s
         return optimize_gait(cost if condition.floors == 1 else in_worlds(cost, condition.floors), iterations=n, **how)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return minimize(
-            lambda x: float(_swept(cost, x)[0]), cost.gait.to_vector(), amplitude=AMPLITUDE, max_miss=MAX_MISS,
+            lambda x: float(swept(cost, x)[0]), cost.gait.to_vector(), amplitude=AMPLITUDE, max_miss=MAX_MISS,
             max_iterations=n, bounds=bounds(cost.scene.model, cost.gait), map=pool.map, batch=os.cpu_count() or 1,
             **how,
         )  # fmt: skip
 
 
-def _swept(cost: WalkingCost, x: np.ndarray, again: int = 0) -> tuple[float, float]:
+def swept(cost: WalkingCost, x: np.ndarray, again: int = 0) -> tuple[float, float]:
     """Return energy per distance [J/m] and distance per step [m] in the paper's kind of program.
 
     The order of its rows begins at a seed that depends on the gait, and on how often that was asked for before.
@@ -222,7 +222,7 @@ def _walked(cost: WalkingCost, condition: Condition, vectors: np.ndarray) -> np.
     """Return cost and distance per step (n, 2) of gaits on the floor of the search."""
     if condition.program == OURS:
         return measure_walks(cost, vectors)
-    return np.array(in_threads(lambda x: _swept(cost, x), vectors))
+    return np.array(in_threads(lambda x: swept(cost, x), vectors))
 
 
 def _worth(settings: StopSettings, cost: WalkingCost, condition: Condition, x: np.ndarray) -> tuple[float, float, int]:
@@ -230,7 +230,7 @@ def _worth(settings: StopSettings, cost: WalkingCost, condition: Condition, x: n
     if condition.program == OURS:
         walks = measure_walks(cost, [x])
     else:  # other seeds than that of the search
-        walks = np.array(in_threads(lambda k: _swept(cost, x, k), range(1, settings.repeats + 1)))
+        walks = np.array(in_threads(lambda k: swept(cost, x, k), range(1, settings.repeats + 1)))
     sound = walks[np.isfinite(walks[:, 0])]
     if not len(sound):
         return math.inf, math.nan, len(walks)

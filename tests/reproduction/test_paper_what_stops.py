@@ -82,9 +82,9 @@ def test_every_condition_is_named_and_drawn(tmp_path):
 
 @pytest.mark.long
 def test_in_the_paper_s_kind_of_program_a_gait_costs_the_same_when_it_is_asked_for_in_the_same_way():
-    cost = what_stops._first(STANDARD)
+    cost = what_stops.first_gait(STANDARD)
     x = cost.gait.to_vector()
-    first, same, other = (what_stops._swept(cost, x, k) for k in (0, 0, 1))
+    first, same, other = (what_stops.swept(cost, x, k) for k in (0, 0, 1))
     assert first == same
     assert 1e-4 < abs(other[0] / first[0] - 1.0) < 1.0
 

@@ -1,0 +1,80 @@
+"""Searches with the paper's scatter in their cost: verdicts by their rules, and a table that gives the same courses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from featherstone_gait.reproduction import noisy_searches
+from featherstone_gait.reproduction.noisy_searches import (
+    FULL,
+    ITS_OWN,
+    PUT_IN,
+    QUICK,
+    Condition,
+    Course,
+    NoisyResult,
+    check,
+    plot,
+    read,
+)
+
+
+def course(condition, gain, longer, converged, iterations=3000):
+    at = np.array([0, converged, iterations])
+    seen, step = (
+        np.array([100.0, 100.0 + 95.0 * gain, 100.0 + 100.0 * gain]),
+        0.03 * (1.0 + longer * np.array([0, 1, 1])),
+    )
+    return Course(condition, iterations, at, seen, seen, step)
+
+
+def verdicts(mipsd, standard, iterations=3000):
+    """Of searches (gain, longer, converged) with MIPSD and with the standard model, of a stride."""
+    courses = [course(PUT_IN[0], *one) for one in mipsd] + [
+        course(Condition(gearbox="standard"), *one) for one in standard
+    ]
+    return [claim.verdict for claim in check(NoisyResult(iterations, tuple(courses)))]
+
+
+NEAR = [(-0.14 + 0.01 * k, 0.13 - 0.01 * k, 800 + 20 * k) for k in range(-2, 3)]
+LATER = [(-0.1, 0.1, 2600 + 20 * k) for k in range(-2, 3)]
+
+
+def test_a_number_is_reproduced_within_its_range_and_factor_or_not_at_all():
+    assert verdicts(NEAR, LATER) == ["reproduced"] * 4
+    far = [(3.0 * gain, 3.0 * longer, 3 * at) for gain, longer, at in NEAR]
+    assert verdicts(far, LATER)[:3] == ["not reproduced"] * 3
+    wide = [(gain, longer, at) for gain, longer, at in (*NEAR, (-0.6, 1.0, 2900), (-0.6, 1.0, 2900), (-0.6, 1.0, 2900))]
+    assert verdicts(wide, LATER)[0] == "reproduced"  # the median is still the paper's
+    assert verdicts(NEAR, LATER, iterations=2000) == ["undecided"] * 4
+
+
+def test_slower_needs_the_rank_sum_test():
+    assert verdicts(NEAR, NEAR)[3] == "not reproduced"
+    assert verdicts(NEAR, [(-0.1, 0.1, 900 + at) for at in range(5)])[3] == "reproduced in direction"
+
+
+def test_all_conditions_of_the_paper_are_searched():
+    assert {(c.gearbox, c.states, c.noise) for c in PUT_IN} == {
+        (g, s, n) for g, n in (("mipsd", 0.039), ("standard", 0.1462)) for s in ("stride", "step")
+    }
+    assert {(c.gearbox, c.noise) for c in ITS_OWN} == {("mipsd", 0.0), ("standard", 0.0)}
+    assert (FULL.iterations, FULL.searches, FULL.conditions) == (3000, 10, PUT_IN)
+
+
+@pytest.mark.long
+def test_a_study_goes_on_and_its_table_gives_the_same_courses(tmp_path, monkeypatch):
+    monkeypatch.setattr(noisy_searches, "PUT_IN", PUT_IN[:1])
+    monkeypatch.setattr(noisy_searches, "ITS_OWN", ITS_OWN[:1])
+    table = tmp_path / "courses.csv"
+    assert noisy_searches.main([str(table), "--iterations", "6", "--searches", "1"]) == 0
+    first = table.read_bytes()
+    assert noisy_searches.main([str(table), "--iterations", "6", "--searches", "1"]) == 0
+    assert table.read_bytes() == first
+    result = read(table)
+    assert [c.condition for c in result.courses] == [PUT_IN[0], ITS_OWN[0]]
+    again = noisy_searches.run(replace(QUICK, iterations=6, searches=1, conditions=(PUT_IN[0],)))
+    np.testing.assert_array_equal(result.courses[0].cost, again.courses[0].cost)
+    assert all(np.all(np.diff(c.seen) < 0.0) and c.at[0] == 0 for c in result.courses)
+    assert len(plot(result)) == 1
