@@ -296,8 +296,10 @@ def _later(result: NoisyResult, program: str) -> float:
 
 def _rank_sum(result: NoisyResult, program: str) -> str:
     p = _later(result, program)
-    medians = [np.median([float(c.converged) for c in result.of(program, g)] or [math.nan]) for g in ("standard", "mipsd")]
-    return "" if math.isnan(p) else f"{medians[0]:.0f} against {medians[1]:.0f}, p = {p:.2g}"
+    if math.isnan(p):
+        return ""
+    old, new = (np.median([one.converged for one in result.of(program, gearbox)]) for gearbox in ("standard", "mipsd"))
+    return f"{old:.0f} against {new:.0f}, p = {p:.2g}"
 
 
 def _enough(result: NoisyResult) -> bool:
