@@ -23,7 +23,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -98,7 +97,7 @@ def run(
 
     def found(worker: Worker) -> Iterator[Row]:
         for case in progress_bar(cases(full, robots, skipped), desc="cases", leave=False):
-            case = replace(case, exact=None)  # the reference is computed, and a function here cannot go to the worker
+            case = case._replace(exact=None)  # the reference is computed, and a function here cannot go to the worker
             exact = truth(case, worker, references or cache_folder())
             if exact is None or exact.known < 2:
                 skipped.append(f"{case.name}: no reference within the limit of time")

@@ -6,9 +6,10 @@ the gait alone; with MIPSD sigma is 3.9 %, with the standard model 14.62 %.  The
 of a stride, and as those of a step that the other leg mirrors.  A further study searches in the paper's own kind of
 program (`reproduction.maximal`) at its documented 1 ms, where each walk scatters by itself.
 
-The courses of all searches, one row for each improvement, are kept in a table, and Fig. 16 is drawn from it:
+The courses of all searches, one row for each improvement, are kept in a table, from which Fig. 16 is drawn, and
+medians and quartiles in another:
 
-    python -m featherstone_gait.reproduction.noisy_searches COURSES.csv --iterations 3000 --searches 10
+    python -m featherstone_gait.reproduction.noisy_searches TABLE.csv SUMMARY.csv PICTURE.png --searches 10
 
 It continues where it was interrupted.
 """
@@ -54,7 +55,7 @@ FACTOR = 1.5  # within which our median is the paper's number
 GAIN_LEFT = 0.1  # of the whole gain, below which a search has converged
 SIGNIFICANT = 0.05  # p of the rank-sum test
 REPEATS = 5  # walks of each gait in the paper's kind of program, whose mean is its cost
-TABLE = Format("search courses")
+TABLE, SUMMARY = Format("search courses"), Format("search summary")
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,27 @@ class Course:
         return int(self.at[np.argmax(left)])
 
 
+@dataclass(frozen=True)
+class Summary:
+    """The searches of a condition: median and quartiles."""
+
+    program: str
+    gearbox: str
+    states: str
+    noise: float  # put in [-]
+    searches: int
+    iterations: int
+    gain: float  # change of the energy per distance
+    gain_low: float
+    gain_high: float
+    longer: float  # change of the distance per step
+    longer_low: float
+    longer_high: float
+    converged: float  # iteration
+    converged_low: float
+    converged_high: float
+
+
 @dataclass(frozen=True, eq=False)
 class NoisyResult:
     iterations: int
@@ -176,8 +198,9 @@ def _courses(rows: Sequence[Improvement]) -> Iterator[Course]:
 
 
 def _searches(settings: NoisySettings, seed: int, progress: bool) -> Iterator[list[Improvement]]:
-    todo = [*product(settings.conditions, range(seed, seed + settings.searches))]
-    for condition, each in progress_bar(todo, "searches", progress=progress, unit="search"):
+    todo = [*product(range(seed, seed + settings.searches), settings.conditions)]
+    todo.sort(key=lambda one: one[1].program == PAPERS)  # which take ten times as long
+    for each, condition in progress_bar(todo, "searches", progress=progress, unit="search"):
         yield search(settings, condition, each)
 
 
@@ -223,6 +246,18 @@ def _history(settings: NoisySettings, condition: Condition, seed: int) -> dict[s
         digest(PACKAGE / "search/annealing.py"),
     )
     return search_history(settings.folder, f"{condition!r}\n{settings.iterations}\n{program}", seed)
+
+
+def summarized(result: NoisyResult) -> list[Summary]:
+    """Return a row for each condition that was searched, in their order."""
+    rows = []
+    for one in dict.fromkeys(course.condition for course in result.courses):
+        courses = [course for course in result.courses if course.condition == one]
+        values = [(course.gain, course.longer, course.converged) for course in courses]
+        numbers = np.quantile(values, (0.5, 0.25, 0.75), axis=0).T.ravel().tolist()
+        of = one.program, one.gearbox, one.states, one.noise
+        rows.append(Summary(*of, len(courses), result.iterations, *numbers))
+    return rows
 
 
 # ---------------------------------------------------------------------------------------------- claims
@@ -364,13 +399,18 @@ def _band(panel: Axes, result: NoisyResult, curves: list[np.ndarray], courses: l
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the searches one after the other, and write the table after each."""
-    args = table_arguments("search with costs that scatter", arguments, iterations=PAPER_ITERATIONS, searches=10)
+    title, n = "search with costs that scatter", PAPER_ITERATIONS
+    args = table_arguments(title, arguments, "SUMMARY.csv", "PICTURE.png", iterations=n, searches=10)
     folder = str(args.table.with_suffix("")) + "_searches"
     settings = NoisySettings(args.iterations, args.searches, (*PUT_IN, *ITS_OWN), folder)
     rows: list[Improvement] = []
     for each in _searches(settings, 0, progress=True):
         rows += each
         write_rows(args.table, TABLE, rows, __file__)
+        result = NoisyResult(args.iterations, tuple(_courses(rows)))
+        write_rows(args.summary, SUMMARY, summarized(result), __file__)
+    for figure in plot(result).values():
+        figure.savefig(args.picture, dpi=130)
     return 0
 
 

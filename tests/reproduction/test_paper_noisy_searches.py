@@ -67,11 +67,13 @@ def test_all_conditions_of_the_paper_are_searched():
 def test_a_study_goes_on_and_its_table_gives_the_same_courses(tmp_path, monkeypatch):
     monkeypatch.setattr(noisy_searches, "PUT_IN", PUT_IN[:1])
     monkeypatch.setattr(noisy_searches, "ITS_OWN", ITS_OWN[:1])
-    table = tmp_path / "courses.csv"
-    assert noisy_searches.main([str(table), "--iterations", "6", "--searches", "1"]) == 0
-    first = table.read_bytes()
-    assert noisy_searches.main([str(table), "--iterations", "6", "--searches", "1"]) == 0
-    assert table.read_bytes() == first
+    table, summary = tmp_path / "courses.csv", tmp_path / "summary.csv"
+    command = [str(table), str(summary), str(tmp_path / "a.png"), "--iterations", "6", "--searches", "1"]
+    assert noisy_searches.main(command) == 0
+    first = table.read_bytes(), summary.read_bytes()
+    assert noisy_searches.main(command) == 0
+    assert (table.read_bytes(), summary.read_bytes()) == first
+    assert (tmp_path / "a.png").exists()
     result = read(table)
     assert [c.condition for c in result.courses] == [PUT_IN[0], ITS_OWN[0]]
     again = noisy_searches.run(replace(QUICK, iterations=6, searches=1, conditions=(PUT_IN[0],)))
