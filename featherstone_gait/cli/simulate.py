@@ -83,7 +83,7 @@ def run(args: Namespace) -> int:
     trajectory = simulated(scene, duration, estimate_error=True)
     measures = _measures(scene, trajectory) | {
         "seconds_until_ready": ready - start,
-        "seconds_per_simulated_second": (done - ready) / trajectory.end_time,
+        "seconds_per_simulated_second": (done - ready) / max(trajectory.end_time, scene.timestep),
     }
     trajectory.info.update(start=text, joints=model.joint_names, measures=measures, source=model.source)
     trajectory.info.update(contacts=contacts, locked=dict(model.locked), ground=scene.ground and asdict(scene.ground))
@@ -171,7 +171,9 @@ def _swinging(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[np.
         joint = model.moving_joints[0]
         q[0] = min(max(angle, joint.lower), joint.upper)
         posture = f"{joint.name} at {math.degrees(q[0]):.4g} deg, all others {_where(home)}"
-    q = followed(scene.tree.coupling, q)
+    home, q = q, followed(scene.tree.coupling, q)
+    if (q != home).any():
+        posture += " or as they follow others"
     return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q] if model.base == "floating" else q), posture
 
 

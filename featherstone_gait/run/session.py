@@ -283,7 +283,7 @@ class Session:
             Number of controller ticks.
         """
         with self._alone():
-            if ticks != 1:
+            if type(ticks) is not int or ticks != 1:
                 ticks = whole("ticks", ticks, 1, "a step takes whole controller ticks", most_ticks(self.scene))
             command = None if action is None else self._checked(action)
             if self._given["controller"] is None:
@@ -374,7 +374,7 @@ class Session:
         if not size <= 1e50:
             robot, joint = np.argwhere(~(np.abs(values) <= 1e50))[0].tolist()
             name = self.scene.model.joint_names[joint]
-            raise ValueError(f"action of robot {robot}, joint {name}, is {values[robot, joint]}; give finite numbers")
+            raise ValueError(f"action of robot {robot}, joint {name}, is {values[robot, joint]}; give numbers to 1e50")
         if self.action == "pwm" and size > 1.0:
             raise ValueError(f"action has a duty cycle of {size:g}; they are from -1 to 1: divide by the supply")
         return values

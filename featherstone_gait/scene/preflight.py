@@ -134,15 +134,24 @@ def preflight(
     clipped = drive.actuator is not None or options.ground is not None or sticks(friction)
     integrator, step, reason = _choice(options, clipped, check)
     if options.timestep is None and drive.sampled:
-        step = _dividing(min(servo.controller.period for servo in drive.servos if servo), step)
+        laws = [servo.controller for servo in drive.servos if servo]
+        step = _dividing(min(law.period for law in laws), max(law.delay for law in laws), step)
     return check._replace(integrator=integrator, timestep=step, reason=reason)
 
 
-def _dividing(period: float, step: float) -> float:
-    """Return the step, or the next shorter one that divides the period of the controllers [s]."""
-    if abs(round(period / step) * step - period) <= 1e-9 * period:
+def _dividing(period: float, delay: float, step: float) -> float:
+    """Return the step, or the next shorter one that divides period and delay of the controllers [s].
+
+    Of a delay that no step down to a hundredth divides, only the period is divided.
+    """
+    if _divides(step, period) and _divides(step, delay):
         return step
-    return period / math.ceil(period / step)
+    count = math.ceil(period / step * (1.0 - 1e-9))
+    return next((period / k for k in range(count, 100 * count) if _divides(period / k, delay)), period / count)
+
+
+def _divides(step: float, time: float) -> bool:
+    return abs(round(time / step) * step - time) <= 1e-9 * time
 
 
 Acting: TypeAlias = dict[str, np.ndarray]  # dampers or springs of each joint and each spring between bodies, by cause

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from featherstone_gait import Ground, Trajectory, cli, compile_scene, load_robot
+from featherstone_gait import Ground, Mimic, Trajectory, cli, compile_scene, load_robot
 from featherstone_gait.cli import simulate as simulate_command
 from featherstone_gait.optimize import job as optimize
 from featherstone_gait.optimize.options import OptimizeOptions
@@ -365,6 +365,31 @@ def test_the_humanoid_stands(tmp_path):
     assert measures["base_shift_m"] < 0.01
     assert measures["energy_J"]["electrical_no_regeneration"] >= measures["energy_J"]["supply"] > 0
     assert trajectory.info["servos"] == "mipsd"
+
+
+def test_a_robot_that_has_fallen_at_its_start_says_so(tmp_path, monkeypatch):
+    """Nothing is simulated then, so there is no simulated second to divide a time by."""
+    monkeypatch.setattr(simulate_command, "_standing", lambda model, home: (upside_down(model), "on its head"))
+    assert cli.main(["simulate", "humanoid", "--duration", "1", "--out", str(tmp_path)]) == 1
+    trajectory, measures = results(tmp_path, "humanoid")
+    assert (trajectory.status, trajectory.end_time) == ("fell", 0.0)
+    assert measures["seconds_per_simulated_second"] > 0.0
+
+
+def upside_down(model):
+    q = np.zeros(model.nq)
+    q[4] = 1.0
+    return q
+
+
+def test_the_start_of_a_joint_that_follows_is_told(tmp_path):
+    """A follower of a joint at 57 degrees is not at zero."""
+    arm = load_robot("arm7")
+    first, second = arm.joints[:2]
+    arm = replace(arm, joints=(first, replace(second, mimic=Mimic(first.name, 0.5, 0.0)), *arm.joints[2:]))
+    text, _ = simulate_command._experiment(compile_scene(arm))
+    assert text.endswith("all others at zero or as they follow others")
+    assert not simulate_command._experiment(compile_scene(load_robot("arm7")))[0].endswith("others")
 
 
 @pytest.mark.long

@@ -81,6 +81,8 @@ def test_steps_of_several_ticks_hold_their_action():
     for action in actions:
         session.step(action, ticks=3)
     assert_same(session, whole(session, actions.repeat(3, axis=0)))
+    session.step(actions[0], ticks=1.0)
+    assert session.time.tolist() == [13 * session.tick] * 3
 
 
 @pytest.mark.long

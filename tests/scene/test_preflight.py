@@ -107,14 +107,21 @@ def test_scene_chooses_integrator_and_step_and_says_why():
     assert (asked.integrator, asked.timestep, asked.reason) == ("midpoint", 5e-4, "as asked for")
 
 
-@pytest.mark.parametrize(("period", "step"), [(7.3e-3, 7.3e-3 / 8), (0.01, 1e-3), (3e-4, 3e-4), (1e-3 / 3, 1e-3 / 3)])
-def test_the_step_chosen_divides_the_controllers_period(period, step):
+@pytest.mark.parametrize(
+    ("period", "delay", "step"),
+    [
+        (7.3e-3, 0.0, 7.3e-3 / 8), (0.01, 0.0, 1e-3), (3e-4, 0.0, 3e-4), (1e-3 / 3, 0.0, 1e-3 / 3),
+        (7.3e-3, 3.1e-3, 1e-4), (0.01, 2.5e-3, 0.01 / 12), (1 / 60, 0.01, 1 / 1200), (0.01, 0.013, 1e-3),
+    ],
+)  # fmt: skip
+def test_the_step_chosen_divides_the_controllers_period_and_delay(period, delay, step):
     servo = load_servo("ax12")
-    servo = replace(servo, controller=replace(servo.controller, period=period, lag=period))
+    servo = replace(servo, controller=replace(servo.controller, period=period, lag=period, delay=delay))
     arm = load_robot("ax12_arm")
     scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.joint_names, servo)), "rotor")
     assert scene.timestep == pytest.approx(step, rel=1e-15)
     assert scene.tick_steps * scene.timestep == pytest.approx(period, rel=1e-12)
+    assert delay / scene.timestep == pytest.approx(round(delay / scene.timestep), rel=1e-12)
 
 
 def test_numbers_beyond_computing_are_refused_by_name():
