@@ -22,19 +22,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, is_real, listed, one_of, shown
-from ..base.fixed_order import applied, total
+from ..base.fixed_order import applied
 from ..base.portable_math import sincos
 from ..dynamics import check_model, contact_positions_at
 from ..model import Model
-from .gait import TICK, Mirror
+from .gait import TICK, Mirror, joint_places, mirrored_cosines, partner_by_place
 from .inverse_kinematics import check_limits, reach
-from .kinematics import joint_axes, link_index, link_poses
+from .kinematics import link_index, link_poses
 from .plan import Stride
 
 Footfalls: TypeAlias = Literal["trot", "walk"]
 PHASES = {"trot": (0.0, 0.5, 0.5, 0.0), "walk": (0.25, 0.75, 0.0, 0.5)}  # of a stride, lift-off of LF, RF, LH, RH
-ALIKE = 1e-3  # tolerance of left and right [m]
-PARALLEL = 1e-6  # tolerance of the cosine of axes
 SAMPLES = 4  # a tick
 
 
@@ -147,20 +145,16 @@ def mirror_by_place(model: Model, posture: ArrayLike | None = None) -> Mirror:
     """
     names = check_model(model).joint_names
     angles = finite("posture", np.zeros(len(names)) if posture is None else posture, (len(names),), "[rad]")
-    poses = link_poses(model, angles)
-    axes = joint_axes(model, poses)[0]
-    places = np.array([poses.position[0, link_index(model, joint.child)] for joint in model.moving_joints])
+    places, axes = joint_places(model, angles)
     index, sign = [], []
     for k, name in enumerate(names):
-        off = np.abs(places - places[k] * (1.0, -1.0, 1.0)).max(axis=1)
-        cosines = total(axes * (axes[k] * (-1.0, 1.0, -1.0)))
-        fits = np.flatnonzero((off < ALIKE) & (np.abs(np.abs(cosines) - 1.0) < PARALLEL))
-        if len(fits) == 0:
+        partner = partner_by_place(k, places, axes)
+        if partner is None:
             raise ValueError(
                 f"{model.name}: joint {name!r} in this posture has no partner that mirrors its position and axis"
             )
-        index.append(int(fits[0]))
-        sign.append(float(np.sign(cosines[fits[0]])))
+        index.append(partner)
+        sign.append(float(np.sign(mirrored_cosines(axes[[partner]], axes[k])[0])))
     return Mirror(np.array(index), np.array(sign))
 
 

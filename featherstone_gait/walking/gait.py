@@ -8,6 +8,7 @@ model", Int. J. Advanced Robotic Systems 10 (2013), section 4.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +19,13 @@ from ..base.brief import brief
 from ..base.fixed_order import product, solve, total
 from ..dynamics import check_model
 from ..model import Model
-from .kinematics import joint_axes, joint_limits, link_poses
+from .kinematics import joint_axes, joint_limits, link_index, link_poses
 from .plan import Stride
 
+SIDE = re.compile("left|right|Left|Right|LEFT|RIGHT")
+OTHER_SIDE = {a: b for one in (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT")) for a, b in (one, one[::-1])}
+ALIKE = 1e-3  # tolerance of left and right [m]
+PARALLEL = 1e-6  # tolerance of the cosine of axes
 TICK = 0.04  # [s] between the references sent to the servos (Lima et al. 2013, figure 2)
 SHORTEST, LONGEST = 1e-6, 1e6  # times of a gait [s]
 MOST_STRIDES = 10**5
@@ -134,7 +139,7 @@ class GaitFit:
 
 
 def mirror_of(model: Model) -> Mirror:
-    """Pair the joints of `model` left to right by name ("left", "right") and compare their axes.
+    """Pair the joints of `model` left to right by name ("left", "right"), else by place, and compare their axes.
 
     A rotation about ``(x, y, z)`` looks in the mirror like one about ``(-x, y, -z)``.
 
@@ -155,18 +160,42 @@ def mirror_of(model: Model) -> Mirror:
     """
     check_model(model)
     names = model.joint_names
-    axes = dict(zip(names, joint_axes(model, link_poses(model, np.zeros(len(names))))[0]))
+    places, axes = joint_places(model, np.zeros(len(names)))
     index, sign = [], []
-    for name in names:
-        partner = name.replace("left", "right") if "left" in name else name.replace("right", "left")
+    for k, name in enumerate(names):
+        partner = SIDE.sub(lambda side: OTHER_SIDE[side[0]], name)
+        if partner == name:
+            found = partner_by_place(k, places, axes)
+            if found is None:
+                raise ValueError(f"joint {name!r} of {model.name!r} has no partner at its mirror image")
+            partner = names[found]
         if partner not in names:
             raise ValueError(f"joint {name!r} of {model.name!r} has no partner {partner!r} on the other side")
-        cosine = total(axes[name] * axes[partner] * (-1.0, 1.0, -1.0))
-        if abs(abs(cosine) - 1.0) > 1e-9:
-            raise ValueError(f"the axes of {name!r} and {partner!r} of {model.name!r} do not mirror each other")
         index.append(names.index(partner))
-        sign.append(np.sign(cosine))
+        cosine = mirrored_cosines(axes[index[-1:]], axes[k])[0]
+        if abs(abs(cosine) - 1.0) > PARALLEL:
+            raise ValueError(f"the axes of {name!r} and {partner!r} of {model.name!r} do not mirror each other")
+        sign.append(float(np.sign(cosine)))
     return Mirror(np.array(index), np.array(sign))
+
+
+def joint_places(model: Model, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions (nj, 3) [m] and axes (nj, 3) of the joints in a posture (nj,) [rad], seen from the root."""
+    poses = link_poses(model, angles)
+    rows = [link_index(model, joint.child) for joint in model.moving_joints]
+    return poses.position[0, rows], joint_axes(model, poses)[0]
+
+
+def partner_by_place(k: int, places: np.ndarray, axes: np.ndarray) -> int | None:
+    """Find the joint at the mirror image of joint k, with a mirrored axis; None if there is none."""
+    off = np.abs(places - places[k] * (1.0, -1.0, 1.0)).max(axis=1)
+    fits = (off < ALIKE) & (np.abs(np.abs(mirrored_cosines(axes, axes[k])) - 1.0) < PARALLEL)
+    return int(fits.argmax()) if fits.any() else None
+
+
+def mirrored_cosines(axes: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return the cosines (n,) of `axes` (n, 3) and the mirror image of `axis` (3,), as an axis of rotation."""
+    return total(axes * (axis * (-1.0, 1.0, -1.0)))
 
 
 def fit_gait(stride: Stride, n_poses: int = 4, *, mirror: Mirror | None = None, fit_phase: bool = False) -> GaitFit:

@@ -7,6 +7,7 @@ import pytest
 from biped import biped
 
 from featherstone_gait.model import Joint, Link
+from featherstone_gait.walking.gait import mirror_of
 from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
 from featherstone_gait.walking.plan import walking_plan
 from featherstone_gait.walking.stance import size_of, soles_of, standing
@@ -97,3 +98,25 @@ def test_a_leg_that_turns_but_does_not_roll_its_ankle_keeps_pitch_and_heading_of
         ahead = poses.rotation[:, i] @ sole.rotation.T[:, 0]
         assert np.abs(ahead[:, 1:]).max() < 5e-3  # of pitch and yaw, on a sole that rolls
         assert np.abs(np.diff(poses.rotation[:, i, 2, 1])).max() > 0.0
+
+
+@pytest.mark.parametrize("sides", [("l_", "r_"), ("Left_", "Right_"), ("LL_", "LR_"), ("L", "R")])
+def test_joints_are_paired_whatever_the_sides_are_called(sides):
+    names = dict(zip(("left_", "right_"), sides))
+
+    def called(name):
+        return next((name.replace(side, short) for side, short in names.items() if side in name), name)
+
+    robot = biped(hip_rotation_locked=False)
+    other = replace(robot, joints=[replace(joint, name=called(joint.name)) for joint in robot.joints])
+    expected, found = mirror_of(robot), mirror_of(other)
+    np.testing.assert_array_equal(found.index, expected.index)
+    np.testing.assert_array_equal(found.sign, expected.sign)
+
+
+def test_a_joint_without_a_mirror_image_is_named():
+    robot = biped()
+    moved = [replace(joint, name="knee") if joint.name == "left_knee" else joint for joint in robot.joints]
+    longer = [replace(joint, xyz=(0.02, *joint.xyz[1:])) if joint.name == "knee" else joint for joint in moved]
+    with pytest.raises(ValueError, match="knee"):
+        mirror_of(replace(robot, joints=longer))
