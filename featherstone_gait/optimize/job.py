@@ -8,12 +8,14 @@ The stages are `planning`, `search`, `selection`, `measure` and `report`, a file
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
 from ..base import deprecated
 from ..base.arguments import instance
 from ..base.files import FilePath
+from ..base.progress import WholeJob
 from .measure import measure
 from .options import OptimizeOptions
 from .planning import plan_start
@@ -68,13 +70,19 @@ def main_job(robot: FilePath = "humanoid", options: OptimizeOptions | None = Non
         deprecated.warn(f"main_job({', '.join(old)}=...)", "main_job(robot, OptimizeOptions(...))")
         options = replace(options, **{RENAMED.get(name, name): value for name, value in old.items()})
     job = prepare(robot, options)
-    start = plan_start(job)
-    searching = time.perf_counter()
-    result = search(job, start)
-    searching = time.perf_counter() - searching
-    found = select(job, start, result)
-    result.x = found.x
-    measured = measure(job, start, result, found)
-    report = write_report(job, start, result, found, measured, began, searching)
+    with closing(WholeJob(job.seconds, options.progress)) as whole:
+        with whole.stage("first gait"):
+            start = plan_start(job)
+        searching = time.perf_counter()
+        with whole.stage("search", 1 + (options.worlds > 0 and options.limits)):
+            result = search(job, start)
+        searching = time.perf_counter() - searching
+        with whole.stage("selection"):
+            found = select(job, start, result)
+        result.x = found.x
+        with whole.stage("measurement"):
+            measured = measure(job, start, result, found)
+        with whole.stage("files"):
+            report = write_report(job, start, result, found, measured, began, searching)
     job.print(summary(report))
     return report

@@ -19,7 +19,7 @@ from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import CostInWorlds, in_worlds
 from ..walking.gait import mirror_of
 from ..walking.limits import Watch
-from .preparation import SECONDS, Job, check_history, estimated_minutes
+from .preparation import SECONDS, Job, check_history, told
 from .quality import describe
 
 
@@ -112,8 +112,8 @@ def plan_start(job: Job) -> Start:
     if options.progress and job.robot != "humanoid":
         began = time.process_time()  # evaluated again: the first time may have compiled
         first.searched(x)
-        slower = (time.process_time() - began) / (SECONDS["candidate in a world"] * max(worlds, 1))
-        job.print(f"duration: about {max(slower * estimated_minutes(options), 1.0):.0f} min on two cores")
+        slower = (time.process_time() - began) / (2.0 * SECONDS["candidate in a world"] * max(worlds, 1))
+        job.print(f"duration: {told(slower * sum(job.seconds.values()))}")
     return first if measures.status == "ok" else first._replace(failure=measures.status)
 
 

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from tqdm import tqdm
+
 from ..base.arguments import real, whole
 from ..base.files import FilePath, claim, parse_json
 from ..base.line_file import REMEDY as HISTORY_REMEDY
@@ -20,11 +22,13 @@ from ..scene.gearbox_kinds import why_chosen
 from ..walking.cost_in_worlds import MOST_WORLDS
 from ..walking.walker import GENERIC, driven, load_walker
 from .options import OptimizeOptions
-from .quality import TEST_WORLDS
 
 MOST_ITERATIONS = 10**7
-# Processor seconds of one core of an AMD EPYC, compiled before (docs/optimize.md, docs/walking.md, docs/feedback.md):
-SECONDS = {"candidate in a world": 0.0175, "report": 60.0, "crosscheck": 95.0, "plans": 27.0, "feedback": 0.4}
+# Seconds of two cores of an AMD EPYC, compiled before (docs/optimize.md, docs/walking.md, docs/feedback.md):
+SECONDS = {
+    "first gait": 2.5, "candidate in a world": 0.0045, "selection": 3.5, "test world": 0.026, "files": 2.0,
+    "crosscheck": 48.0, "plans": 13.0, "feedback": 0.2,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +51,27 @@ class Job:
         """The crosscheck's files, without their endings."""
         return self.stem.with_name(self.stem.name + "_crosscheck")
 
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Estimate how long each stage takes on two cores, without compiling; of another robot the shares [s]."""
+        options, one = self.options, SECONDS["candidate in a world"]
+        stored = self.robot == "humanoid" and options.servo is None and options.states != "stride"
+        compared = options.baselines and options.worlds > 0 and not stored
+        plans = SECONDS["plans"] * ((options.plan == "cheapest") + compared)
+        worlds = SECONDS["test world"] * options.test_worlds * (1.0 if stored else 2.5)
+        return {
+            "first gait": SECONDS["first gait"],
+            "search": one * options.iterations * max(options.worlds, 1),
+            "selection": SECONDS["selection"] * (options.worlds > 0 and options.limits)
+            + SECONDS["feedback"] * (options.iterations // 2) * options.feedback,
+            "measurement": worlds + SECONDS["crosscheck"] * (options.crosscheck > 0) + plans,
+            "files": SECONDS["files"],
+        }
+
     def print(self, text: str) -> None:
         """Print a message, if progress is shown."""
         if self.options.progress:
-            print(folded(text))
+            tqdm.write(folded(text))  # above a bar
 
 
 def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
@@ -97,20 +118,17 @@ def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
     if options.gearbox is None:
         job.print(f"gearbox: {why_chosen(gearbox)}")
     if robot == "humanoid":
-        duration = f"about {max(estimated_minutes(options), 1.0):.0f} min on two cores"
+        duration = told(sum(job.seconds.values()))
     else:
         duration = "how long is estimated from the first gait"
     job.print(f"duration: {duration}; the first run takes half a minute more, to compile")
     return job
 
 
-def estimated_minutes(options: OptimizeOptions) -> float:
-    """Estimate how long `main_job` takes on two cores, without compiling [min]."""
-    searches_of_plans = options.plan == "cheapest" or (options.baselines and options.worlds > 0)
-    seconds = SECONDS["candidate in a world"] * options.iterations * max(options.worlds, 1)
-    seconds += SECONDS["report"] * options.test_worlds / TEST_WORLDS
-    seconds += SECONDS["crosscheck"] * (options.crosscheck > 0) + SECONDS["plans"] * searches_of_plans
-    return (seconds + SECONDS["feedback"] * (options.iterations // 2) * options.feedback) / 120.0
+def told(seconds: float) -> str:
+    """Tell an estimated duration."""
+    about = f"{10.0 * math.ceil(0.1 * seconds):.0f} s" if seconds <= 90.0 else f"{seconds / 60.0:.0f} min"
+    return f"about {about} on two cores"
 
 
 def check_history(path: Path, first: float) -> None:

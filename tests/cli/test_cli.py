@@ -6,7 +6,6 @@ import math
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from featherstone_gait import Ground, Mimic, Trajectory, cli, compile_scene, loa
 from featherstone_gait.cli import simulate as simulate_command
 from featherstone_gait.optimize import job as optimize
 from featherstone_gait.optimize.options import OptimizeOptions
-from featherstone_gait.optimize.preparation import estimated_minutes
+from featherstone_gait.optimize.preparation import Job
 from featherstone_gait.optimize.preparation import folded as folded_text
 from featherstone_gait.robot_file.servos import servo_names
 from featherstone_gait.run import simulate as simulation
@@ -315,12 +314,15 @@ def test_the_summary_of_a_search_fits_a_terminal():
 
 
 def test_a_search_says_how_long_it_takes_in_proportion():
-    """Processor time of docs/optimize.md over two cores: candidates 110 s, report 60 s, crosscheck 95 s."""
-    options = OptimizeOptions(crosscheck=2)
-    whole = estimated_minutes(options)
-    assert whole == pytest.approx((112 + 60 + 95 + 27) / 120)
-    assert estimated_minutes(replace(options, iterations=8000)) == pytest.approx(whole + 9 * 112 / 120)
-    assert estimated_minutes(OptimizeOptions(worlds=0, test_worlds=0)) == pytest.approx(112 / 8 / 120)
+    def seconds(robot="humanoid", **options):
+        return sum(Job(OptimizeOptions(**options), robot, model, model, Path("x")).seconds.values())
+
+    model = load_robot("humanoid")
+    candidate = 0.0045 * 8
+    assert seconds(iterations=8000) - seconds() == pytest.approx(7200 * candidate)
+    assert seconds(iterations=8000, worlds=16) - seconds(worlds=16) == pytest.approx(14400 * candidate)
+    assert seconds() < 60.0 < seconds(crosscheck=2)
+    assert seconds() < seconds(servo="xm430") < seconds("another.urdf", plan="cheapest")
 
 
 def test_a_free_swing_keeps_its_energy(tmp_path):
