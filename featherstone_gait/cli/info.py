@@ -151,11 +151,15 @@ def _servos(model: Model) -> dict[Servo, str]:
 
 def _servo_lines(model: Model) -> Iterator[str]:
     """Describe each kind of servo."""
+    from ..identification.curve import torque_speed
+    from ..model.servo import TORQUE_LAWS
     from ..scene.actuator import is_elastic, stall_torque
 
     for servo, joints in _servos(model).items():
         law, gear = servo.controller.law, "elastic" if is_elastic(servo) else "rigid"
-        yield f"servo of {joints}: law {law}, {stall_torque(servo):.3g} N m, {gear} gear {servo.gearbox.ratio:g} : 1"
+        motor = law not in TORQUE_LAWS and servo.resistance > 0
+        stall = torque_speed(servo, points=2).stall_torque if motor else stall_torque(servo)  # what its friction leaves
+        yield f"servo of {joints}: law {law}, {stall:.3g} N m, {gear} gear {servo.gearbox.ratio:g} : 1"
     if not model.servos:
         yield "no servos; --servo NAME gives all joints one"
 

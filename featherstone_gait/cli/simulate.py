@@ -9,7 +9,7 @@ Takes a second or two, and the first time that a kind of robot is simulated up t
 
   featherstone-gait simulate arm7 --gearbox mipsd
   featherstone-gait simulate humanoid --duration 5 --out standing
-  featherstone-gait simulate dog.urdf --base floating --servo xm430
+  featherstone-gait simulate dog.urdf --base floating --servo generic
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from ..scene.compile import CompiledScene
 
 SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
+AT_REST = 1e-6  # acceleration of a robot that balances [rad/s^2 or m/s^2]
 SAMPLE = 2e-3  # time between records, in whole steps [s]
 
 
@@ -58,6 +59,7 @@ def add(commands: Commands) -> None:
     integrator = "name of the integrator (default: chosen for the robot; a wrong name lists all)"
     parser.option("--integrator", integrator, metavar="NAME")
     parser.option("--timestep", "time step [s] (default: chosen, and printed)", type=float, metavar="S")
+    parser.option("--rtol", "error allowed in a step (default: chosen for the robot)", type=float, metavar="R")
 
 
 def run(args: Namespace) -> int:
@@ -75,7 +77,7 @@ def run(args: Namespace) -> int:
     for line in said:
         print(_filled(line))
     duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
-    text, simulated = _experiment(scene)
+    text, simulated = _experiment(scene, args.rtol)
     simulated(scene, scene.timestep)  # compiles, or loads what an earlier process compiled
     ready = time.perf_counter()
     simulated(scene, duration)
@@ -110,7 +112,7 @@ def _is_free(scene: CompiledScene) -> bool:
     return scene.gearbox is None and scene.ground is None
 
 
-def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
+def _experiment(scene: CompiledScene, rtol: float | None) -> tuple[str, Callable[..., Trajectory]]:
     """Describe the experiment, and make the function run(scene, duration) that simulates it."""
     from ..model.rest_posture import nearest_posture
     from ..run.reference import Reference
@@ -139,7 +141,7 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
     record += ["contact_force"] if scene.ground else []
 
     def run(scene: CompiledScene, duration: float, **how: Any) -> Trajectory:
-        return simulate(scene, duration, state, reference, record=record, record_interval=sample, **how)
+        return simulate(scene, duration, state, reference, record=record, record_interval=sample, rtol=rtol, **how)
 
     return text, run
 
@@ -164,12 +166,15 @@ def _swinging(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[np.
     """Choose the start: the first joint, if it is revolute, at `angle` or its limit, the others at home."""
     import numpy as np
 
+    from ..dynamics import forward_dynamics
     from ..scene.tree import followed
 
     model, q, posture = scene.model, home.copy(), f"all joints {_where(home)}"
     if model.moving_joints and model.moving_joints[0].type != "prismatic":
         joint = model.moving_joints[0]
         q[0] = min(max(angle, joint.lower), joint.upper)
+        if model.base == "fixed" and np.abs(forward_dynamics(model, q, 0 * q, 0 * q)).max() < AT_REST:
+            q[0] = min(max(0.5 * angle, joint.lower), joint.upper)  # it would not move from upright
         posture = f"{joint.name} at {math.degrees(q[0]):.4g} deg, all others {_where(home)}"
     home, q = q, followed(scene.tree.coupling, q)
     if (q != home).any():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 import sys
@@ -78,7 +79,10 @@ def check_keys(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> N
     for key in table:
         with problems.at(table, key):
             if key not in known:
-                raise ValueError(f"{what}: unknown key {key!r}; expected {', '.join(known)}: correct it, or remove it")
+                near = difflib.get_close_matches(key.lower(), {name.lower() for name in known}, 1)
+                meant = next((f" (did you mean {name}?)" for name in known if name.lower() in near), "")
+                expected = f"expected {', '.join(known)}: correct it, or remove it"
+                raise ValueError(f"{what}: unknown key {key!r}{meant}; {expected}")
     problems.raise_all()
 
 

@@ -34,6 +34,8 @@ from ..core.step.state import IN_STATE
 from ..model import Controller
 from ..scene.compile import CompiledScene
 
+DYNAMICS = __name__.partition(".")[0] + ".dynamics"
+
 Writes = Literal["reference", "voltage", "torque"]
 SEEN = tuple(channel.name for channel in IN_STATE if channel.kind != "run")
 State = namedtuple("State", SEEN)  # type: ignore[misc]  # arrays by channel, flat; of length 0 where there is none
@@ -265,8 +267,24 @@ def controller(
     size = whole("memory", memory, 0, "give how many numbers it keeps", 10**6)
     period = None if period is None else real("period", period, 1e-9, 1e9, "give seconds")
     one_of("writes", writes, get_args(Writes))
+    _refuse_python(function)
     _refuse_chance(function)
     return CompiledController(function, size, period, writes)
+
+
+def _refuse_python(function: Callable[..., None]) -> None:
+    """Raise ValueError for a function that calls the dynamics of this package, which run in Python."""
+    used = inspect.getclosurevars(function)
+    for named in (used.globals, used.nonlocals):
+        for name, value in named.items():
+            reached = [getattr(value, each, None) for each in used.unbound] if inspect.ismodule(value) else [value]
+            for one in reached:
+                if callable(one) and (getattr(one, "__module__", None) or "").startswith(DYNAMICS):
+                    raise ValueError(
+                        f"controller {function.__qualname__} calls {getattr(one, '__name__', name)}, which runs in "
+                        "Python and not in a compiled run: step a Session and call it at each tick, or call it before "
+                        "the run and put its numbers into memory"
+                    )
 
 
 def _refuse_chance(function: Callable[..., None]) -> None:

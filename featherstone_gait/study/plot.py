@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
+AT_REST = 1e-12  # variance of joints that rest [deg^2]
 SHOWN = 20_000  # runs drawn as points
 BINS, FEW = 12, 50  # of the median along a parameter that takes more than a few values
 DECADES = 30.0  # largest by smallest value from which an axis is logarithmic
@@ -56,9 +57,10 @@ def plot_study(study: Study, table: Path, path: Path) -> None:
 def _figure(study: Study, table: Path) -> Figure:
     from matplotlib.figure import Figure
 
-    measure, says = next(iter(COLUMNS[study.setup.experiment].items()))
-    read = read_columns(table, (*study.names, "status", measure))
-    y = np.array([float(text) if text else np.nan for text in read[measure]])
+    columns_of = COLUMNS[study.setup.experiment]
+    read = read_columns(table, (*study.names, "status", *columns_of))
+    measure, y = _measure(read, tuple(columns_of))
+    says = columns_of[measure]
     ok = np.array(read["status"]) == "ok"
     columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]
     mean = "\nmean of the draws [widths]"
@@ -91,6 +93,15 @@ def _figure(study: Study, table: Path) -> Figure:
     title = f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs{failed}"
     figure.suptitle(title, parse_math=False)
     return figure
+
+
+def _measure(read: dict[str, tuple[str, ...]], measures: Sequence[str]) -> tuple[str, np.ndarray]:
+    """Choose the first measure and its values; the second if the first is a variance that is rounding alone."""
+    for measure in measures:
+        y = np.array([float(text) if text else np.nan for text in read[measure]])
+        if not (measure == "variance_deg2" and (y[np.isfinite(y)] < AT_REST).all()):
+            break
+    return measure, y
 
 
 def _column(name: str, axis: Axis, texts: Sequence[str]) -> _Column:

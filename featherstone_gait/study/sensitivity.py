@@ -29,7 +29,10 @@ from .table import read_columns
 SENSITIVITY = Format("study sensitivity")
 GREY = "0.7"
 RATIOS = ("cost_J_m", "cost_of_transport")  # to a distance that may be next to nothing: of these the logarithm
-PLOTTED = {"walk": ("cost_J_m", "speed_m_s", "walks")}  # of other experiments the first measure
+PLOTTED = {  # of other experiments the first measure
+    "hold": ("offset_deg", "variance_deg2", "energy_J"),
+    "walk": ("cost_J_m", "speed_m_s", "walks"),
+}
 
 
 class Index(NamedTuple):

@@ -130,6 +130,7 @@ def servo_file(folder, text):
     ("text", "says"),
     [
         ('[about]\nproduct = "x"\nmaker = "y"\n', ["about", "unknown key 'maker'", "product, source, quality"]),
+        ('[about]\nproducts = "x"\n', ["unknown key 'products'", "product?"]),
         ("[about]\nproduct = 3\n", ["about: product is 3", "quotes"]),
         ('[manual]\nsource = "x"\nvolts = [12.0]\n', ["manual", "unknown key 'volts'", "voltage"]),
         ('[manual]\nsource = "x"\nstall_torque = [1.5]\n', ["manual: voltage is None", "[12.0, 14.8]"]),

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scenes import with_controller
 
+from featherstone_gait import dynamics
+from featherstone_gait.dynamics import inverse_dynamics
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.program import controller
 from featherstone_gait.run.reference import Reference
@@ -276,6 +278,20 @@ def test_what_differs_from_call_to_call_is_refused():
 
     for function in (plain, renamed, standard, called, clock, python):
         with pytest.raises(ValueError, match=f"{function.__qualname__} uses .* which differs from run to run"):
+            controller(function)
+
+
+def test_one_that_calls_the_dynamics_in_python_is_refused_by_their_name():
+    arm = load_robot("ax12_arm")
+
+    def computed(t, state, reference, command, memory):
+        command[:, 0] = inverse_dynamics(arm, state.q, state.qd, 0.0 * state.q)
+
+    def module(t, state, reference, command, memory):
+        command[:, 0] = dynamics.mass_matrix(arm, state.q)[0]
+
+    for function, called in ((computed, "inverse_dynamics"), (module, "mass_matrix")):
+        with pytest.raises(ValueError, match=f"{function.__qualname__} calls {called}, which runs in Python"):
             controller(function)
 
 

@@ -73,6 +73,8 @@ def _remarks(model: Model, ground: Ground | None) -> list[str]:
         remarks.append("left out the friction that contacts have of their own with a floor: there is none")
     if any(joint.velocity < math.inf for joint in model.joints):
         remarks.append("MJCF cannot state the largest velocity of a joint")
+    if any(joint.effort < math.inf for joint in model.moving_joints if joint.name in model.servos):
+        remarks.append("MuJoCo limits servos by the efforts of joints (actuatorfrcrange) too: this package does not")
     if model.held:
         remarks.append("joints that are held are welded: " + ", ".join(model.held))
     if idle := [joint.name for joint in model.moving_joints if joint.effort == 0]:
