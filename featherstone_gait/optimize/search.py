@@ -26,6 +26,7 @@ from ..walking.gait import bounds
 from ..walking.limits import Watch
 from .planning import Start
 from .preparation import Job, beside
+from .quality import measure_limits
 
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
@@ -108,6 +109,7 @@ def optimize_with_limits(
     """Search half of the candidates for energy alone, then spend as much work on a descent that meets the limits.
 
     The descent (`walking.descent`) begins with the cheapest candidate that walks where runs with chatter are repeated.
+    If none of the gaits that it tries keeps all limits on the robot's own ground, it makes half as many steps more.
 
     Parameters
     ----------
@@ -140,8 +142,18 @@ def optimize_with_limits(
         return first
     order = np.argsort(first.history["f"], kind="stable")[:STARTS]
     starts = [first.history["x"][k] for k in order if np.isfinite(first.history["f"][k])]
-    result = descend(cost, watch, starts, steps=steps, history=beside(history, "limits"), **how)
+    limited = beside(history, "limits")
+    result = descend(cost, watch, starts, steps=steps, history=limited, **how)
+    if result.success and not any(_keeps_all(cost, watch, x) for x in result.tried["x"][::-1]):
+        how["resume"] = True
+        result = descend(cost, watch, starts, steps=steps + steps // 2, history=limited, **how)
     both = {key: np.concatenate([first.history[key], result.history[key]]) for key in ("x", "f")}
     counts = {"nit": first.nit + WORK * result.nit, "nfev": first.nfev + -(-result.nfev // len(cost.scenes))}
     kept = {key: first[key] for key in ("wasted", "occupancy")} | {"since": first.nit + 1}
     return OptimizeResult({**result, **counts, **kept, "history": both, "limited": result})
+
+
+def _keeps_all(cost: CostInWorlds, watch: Watch, x: np.ndarray) -> bool:
+    """Check whether a gait walks on the robot's own ground and keeps all limits there."""
+    limits = measure_limits(cost.cost, x, watch)["limits"]
+    return limits is not None and all(one["kept"] for one in limits)

@@ -5,9 +5,10 @@
 Near a gait that walks, the energy per distance and the violation of a limit at a moment of the stride change nearly in
 proportion to small changes of its angles.  A step of the descent therefore
 
-1. walks gaits around the present one, with all angles off by `WIDTH` to either side as the rows of a Hadamard matrix
+1. walks gaits around the present one, with all angles off by a width to either side as the rows of a Hadamard matrix
    say (R. L. Plackett, J. P. Burman, "The design of optimum multifactorial experiments", Biometrika 33 (1946)), so that
-   each gait informs about every angle; each walks in one of the worlds, or on the robot's own ground;
+   each gait informs about every angle; each walks in one of the worlds, or on the robot's own ground.  The width is
+   `WIDTH`, or two counts of the coarsest encoder: within a count a servo hardly sees a change of its angles;
 2. fits slopes to them by least squares: of the cost, and of every limited quantity at every moment;
 3. finds the change of angles, none larger than a radius, that minimizes the linear model of cost + price * sum of
    squared violations (the mean of the worlds; of the robot's own ground the worst stride);
@@ -47,7 +48,8 @@ from .cost_in_worlds import CostInWorlds, with_chatter
 from .gait import TICK, bounds
 from .limits import BY_NAME, Watch
 
-WIDTH = math.radians(0.3)  # of the changes that slopes are measured with [rad]
+WIDTH = math.radians(0.3)  # of the changes that slopes are measured with [rad], at least ...
+COUNTS = 2.0  # ... so many counts of an encoder
 RADIUS, LEAST_RADIUS, LARGEST_RADIUS = math.radians(1.0), math.radians(0.3), math.radians(1.5)  # of a step [rad]
 TRIALS = (1.0, 0.5, 2.0)  # of a step
 RADII = {0.0: 0.5, 0.5: 0.7, 1.0: 1.0, 2.0: 1.5}  # factor of the radius, by the best trial; 0: no trial was better
@@ -91,6 +93,8 @@ class _Descent:
         self.offsets = np.vstack([cost.offsets, np.zeros_like(cost.offsets[0])])
         self.short = replace(self.walking, **{name: min(n, getattr(self.walking, name)) for name, n in SHORT.items()})
         self.box = bounds(cost.scene.model, cost.gait)
+        counts = [servo.encoder_resolution for servo in cost.scene.model.servos.values()]
+        self.width = max([WIDTH, *(COUNTS * count for count in counts)])
         self.unit = 1.0  # [J/m]
         self.price = PRICE
         self.walks = 0
@@ -170,7 +174,7 @@ class _Descent:
         generator = np.random.Generator(np.random.PCG64([*seed]))
         rows = 1 << (ROWS_PER_NUMBER * D - 1).bit_length()
         signs = hadamard(rows, dtype=float)[:, 1 : D + 1] * generator.choice([-1.0, 1.0], D)
-        vectors = np.clip(x + WIDTH * signs, *self.box.T)
+        vectors = np.clip(x + self.width * signs, *self.box.T)
         worlds = [int(k) % n for k in generator.permutation(len(vectors))]
         runs = self.simulate(self.short, [*vectors], worlds)
         centers = [self.outcome(run, self.short, k) for k, run in enumerate(point.runs)]
@@ -178,11 +182,11 @@ class _Descent:
         for vector, k, run in zip(vectors, worlds, runs):
             found, center = self.outcome(run, self.short, k), centers[k]
             if found is not None and center is not None:
-                A.append(np.append(vector - x, WIDTH))
+                A.append(np.append(vector - x, self.width))
                 there, here = _typical(found.violations), _typical(center.violations)
                 Y.append(np.concatenate([[found.cost - center.cost, found.drift - center.drift], there - here]))
         M = np.array(A).reshape(-1, D + 1)
-        normal = product(M.T, M) + 1e-9 * WIDTH * WIDTH * np.eye(D + 1)
+        normal = product(M.T, M) + 1e-9 * self.width * self.width * np.eye(D + 1)
         fit = solve(normal, product(M.T, np.array(Y).reshape(len(M), -1)))[:D] if len(M) else np.zeros((D, 2))
         outcomes = [one for k, run in enumerate(point.runs) if (one := self.outcome(run, self.walking, k)) is not None]
         drift = fit[:, 1:2] / BY_NAME["drift"].scale * [1.0, -1.0, 1.0, -1.0]

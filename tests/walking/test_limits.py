@@ -1,10 +1,12 @@
 """What a real robot asks of a gait: closed forms of each quantity, what a search sees of it, how a gait is chosen."""
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import OptimizeResult
 
 from featherstone_gait import ContactPoint, Link, Model, Trajectory, clearance, load_robot, load_servo
 from featherstone_gait.geometry.distance import meeting_shapes
@@ -138,6 +140,15 @@ def test_the_best_step_is_where_slopes_balance():
     assert np.array_equal(H.T @ H, 8.0 * np.eye(8))
 
 
+def test_slopes_are_measured_with_changes_that_the_encoders_see(cost, watch):
+    """Two counts of them, or 0.3 degrees where those are finer."""
+    assert descent._Descent(in_worlds(cost, 1), watch).width == descent.WIDTH
+    model = cost.scene.model
+    coarse = load_servo("ax12", encoder_resolution=math.radians(0.29))
+    read = replace(cost, scene=cost.scene.recompiled(replace(model, servos=dict.fromkeys(model.servos, coarse))))
+    assert descent._Descent(in_worlds(read, 1), watch).width == 2.0 * math.radians(0.29)
+
+
 @pytest.mark.long
 def test_a_descent_is_the_better_at_its_price_the_longer_it_goes_and_goes_on_from_its_history(cost, watch, tmp_path):
     plain, history = in_worlds(replace(cost, strides=3), 2), tmp_path / "descent.jsonl"
@@ -178,6 +189,25 @@ def test_a_search_with_limits_begins_where_the_one_for_energy_ends(cost, watch, 
     assert np.array_equal(found.history["f"][:4], alone.history["f"])
     assert np.array_equal(found.history["x"][4], alone.x)
     assert "limited" not in optimize_with_limits(plain, watch, tmp_path / "none.jsonl", iterations=0)
+
+
+@pytest.mark.parametrize(("kept", "asked"), [(False, [4, 6]), (True, [4])])
+def test_a_descent_goes_on_by_half_if_no_gait_keeps_all_limits(cost, watch, tmp_path, monkeypatch, kept, asked):
+    module, x, steps = sys.modules[optimize_with_limits.__module__], cost.gait.to_vector(), []
+    history = {"x": x[None], "f": np.array([50.0])}
+    found = OptimizeResult(nit=4, nfev=5, wasted=0, occupancy=1.0, success=True, history=history, tried=history)
+
+    def descended(*args, **how):
+        steps.append(how["steps"])
+        assert how["resume"] is (len(steps) == 2)
+        return found
+
+    monkeypatch.setattr(module, "optimize_gait", lambda *args, **how: found)
+    monkeypatch.setattr(module, "descend", descended)
+    monkeypatch.setattr(module, "measure_limits", lambda *args: {"limits": [{"kept": True}, {"kept": kept}]})
+    many = 4 + 1 + 4 * descent.WORK
+    optimize_with_limits(in_worlds(cost, 1), watch, tmp_path / "gait_history.jsonl", iterations=many, resume=False)
+    assert steps == asked
 
 
 def test_the_worst_values_are_named_with_joint_and_time(cost, watch):
