@@ -51,22 +51,19 @@ ENERGY_LIMIT = 1e-2  # of energies, where they are recorded, by the largest ther
 LEAST_ENERGY = 1e-3  # ... or this [J]
 
 
-class Rerun(NamedTuple):
-    """Scene and tolerances of a run."""
-
-    scene: CompiledScene
-    rtol: float | None
-    atol: float | None
-
-
 class SecondRun(NamedTuple):
     """Scene and tolerances of the second run, and the share of the difference to take as the error."""
 
     scene: CompiledScene
-    rtol: float | None
-    atol: float | None
-    share: float  # of the difference to the run, that is the run's error
-    finer: Rerun | None = None  # a third run, where the second makes the run inaccurate
+    rtol: float | None = None
+    atol: float | None = None
+    share: float = WHOLE_OF_IT  # of the difference to the run, that is the run's error
+    finer: SecondRun | None = None  # a third run, where the second makes the run inaccurate; its share is not used
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Return what differs from the run."""
+        return {"scene": self.scene, "rtol": self.rtol, "atol": self.atol}
 
 
 def second_run(
@@ -77,26 +74,26 @@ def second_run(
     That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
     """
     if rtol is not None and atol is not None:
-        finer = Rerun(scene, *(max(value / COARSER, STRICTEST) for value in (rtol, atol)))
+        finer = SecondRun(scene, max(rtol / COARSER, STRICTEST), max(atol / COARSER, STRICTEST))
         if scene.counts and rtol > DECIDED:
             if scene.method.name == "extrapolation":
-                finer = Rerun(scene, *(max(value / FAR_FINER, DECIDED) for value in (rtol, atol)))
-            return SecondRun(*finer, WHOLE_OF_IT)
+                return SecondRun(scene, max(rtol / FAR_FINER, DECIDED), max(atol / FAR_FINER, DECIDED))
+            return finer
         other = _with_coarser_tolerance(scene)
+        coarser = SecondRun(other, min(1.0, COARSER * rtol), min(1.0, COARSER * atol))
         softer = other.constants.friction is not scene.constants.friction
-        coarser = Rerun(other, min(1.0, COARSER * rtol), min(1.0, COARSER * atol))
-        return SecondRun(*coarser, WHOLE_OF_IT) if softer else SecondRun(*coarser, SHARE, finer)
+        return coarser if softer else coarser._replace(share=SHARE, finer=finer)
     if scene.method.drives or scene.by_hand:
         return None
     if edges == 0:
-        return SecondRun(*_with_error_control(scene), WHOLE_OF_IT)
+        return SecondRun(*_with_error_control(scene))
     every, tick, delay = steps_between_records(scene, record_interval), scene.tick_steps, scene.constants.firmware.delay
     if edges == 2 and every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
         coarse = _with_step(scene, 2.0)
         if not beyond_stability(coarse):
-            half = Rerun(_with_step(scene, 0.5), None, None)
-            return SecondRun(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), half)
-    return SecondRun(_with_step(scene, 0.5), None, None, OF_HALF)
+            share = OF_TWICE.get(scene.method.order, OF_HIGHER)
+            return SecondRun(coarse, share=share, finer=SecondRun(_with_step(scene, 0.5)))
+    return SecondRun(_with_step(scene, 0.5), share=OF_HALF)
 
 
 def edges_on_steps(

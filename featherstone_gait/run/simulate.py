@@ -315,14 +315,13 @@ def _with_second_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> lis
     }
     found = [with_channels(run, record) for run in runs]
     for k, second in seconds.items():
-        state = of_second_run(jobs[k].state)
-        coarse[k] = jobs[k]._replace(scene=second.scene, rtol=second.rtol, atol=second.atol, state=state)
+        coarse[k] = jobs[k]._replace(state=of_second_run(jobs[k].state), **second.changes)
     others = dict(zip(coarse, _simulate([*coarse.values()], more, how)))
     for k, other in others.items():
         share = share_by_steps(runs[k], jobs[k].state, other, coarse[k].state, seconds[k].share)
         found[k] = with_error_estimate(runs[k], other, share, record)
     doubtful = {
-        k: jobs[k]._replace(**second.finer._asdict())
+        k: jobs[k]._replace(**second.finer.changes)
         for k, second in seconds.items()
         if second.finer is not None and found[k].message != runs[k].message and coarse[k].state is jobs[k].state
     }  # of those that go on from no second run, so that a third one may begin where they do
@@ -362,7 +361,7 @@ def _finer(job: Job) -> dict[str, Any]:
     scene = job.scene.recompiled(timestep=0.5 * job.scene.timestep)
     if not scene.adaptive:
         second = second_run(*job[:4], job.edges) if job.edges == 0 else None
-        return {"scene": scene} if second is None else dict(zip(("scene", "rtol", "atol"), second))
+        return {"scene": scene} if second is None else second.changes
     finer = {"rtol": 0.1, "atol": 0.1, "record_interval": 0.5}  # steps end on records: twice as many
     return {"scene": scene} | {name: factor * getattr(job, name) for name, factor in finer.items()}
 
