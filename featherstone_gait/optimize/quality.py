@@ -114,7 +114,16 @@ def measure_limits(cost: WalkingCost, x: np.ndarray, watch: Watch) -> dict[str, 
         joint and time [s], the root mean square of that motor, the mean and the peak of what all servos together draw
         from their supply [A], and the energy of each joint [J]; None for servos without motors.
     """
-    run = cost.simulate([x], record=(*limits.RECORD, "voltage"), record_interval=SAMPLE)[0]
+    return measure_limits_of_each(cost, [x], watch)[0]
+
+
+def measure_limits_of_each(cost: WalkingCost, vectors: Sequence[np.ndarray], watch: Watch) -> list[dict[str, Any]]:
+    """Do the same for many gait vectors, which walk in lanes."""
+    runs = cost.simulate(vectors, record=(*limits.RECORD, "voltage"), record_interval=SAMPLE) if len(vectors) else []
+    return [_limits_in(cost, run, watch) for run in runs]
+
+
+def _limits_in(cost: WalkingCost, run: Trajectory, watch: Watch) -> dict[str, Any]:
     if not run.ok:
         return {"status": run.message, "limits": None, "current": None}
     window = window_of(run, cost.mark, cost.end)

@@ -22,7 +22,7 @@ from ..walking.limits import Watch
 from .feedback import search_feedback
 from .planning import Start
 from .preparation import Job, beside
-from .quality import FINER, TEST_STRIDES, measure_limits
+from .quality import FINER, TEST_STRIDES, measure_limits_of_each
 
 BEST, WORLDS, SEED = 6, 16, 5 * 10**5  # gaits measured again, in how many worlds, drawn with which seed
 
@@ -63,8 +63,8 @@ def choose_gait(
     most limits is chosen; among equals the one that walks in more worlds, then the one with the least cost there.
     """
     walking = [k for k, value in enumerate(tried["f"]) if math.isfinite(value)]
-    limits = {k: measure_limits(cost, tried["x"][k], watch)["limits"] or [] for k in walking}  # none if it falls
-    met = {k: sum(one["kept"] for one in found) for k, found in limits.items()}
+    limits = measure_limits_of_each(cost, [tried["x"][k] for k in walking], watch)
+    met = {k: sum(one["kept"] for one in found["limits"] or []) for k, found in zip(walking, limits)}  # 0 if it falls
     order = sorted(met, key=lambda k: (-met[k], tried["f"][k]))[:best]
     worlds = in_worlds(replace(cost, strides=TEST_STRIDES), WORLDS, SEED, timestep=FINER * cost.scene.timestep)
     rows: list[dict[str, Any]] = []
