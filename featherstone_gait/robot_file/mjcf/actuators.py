@@ -40,6 +40,10 @@ NO_LIMIT = 1e6  # voltage [V] of a motor that has none
 
 OWN_ANGLE = "took the joint's angle, u/gear, as the reference of actuators with a gear"
 SCALED = "took the joint's angle as the reference of actuators whose control is scaled"
+RANGED = (
+    "ignored the ctrlrange of actuators, since references have no limits: keep references [rad or m] where MuJoCo "
+    "clamps them: "
+)
 
 
 class Actuators(NamedTuple):
@@ -105,7 +109,9 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
             left.setdefault(reason, []).append(row.name)
     for name, effort in efforts.items():
         by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
-    doubts = [f"{reason}: {quoted(names)}" for reason, names in left.items()]
+    ranges = [f"{one.removeprefix(RANGED)} of {quoted(names)}" for one, names in left.items() if one.startswith(RANGED)]
+    doubts = [f"{reason}: {quoted(names)}" for reason, names in left.items() if not reason.startswith(RANGED)]
+    doubts += [f"{RANGED}{'; '.join(ranges)}"] if ranges else []
     torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
     remarks = []
     if len(torques) not in (0, len(servos)):
@@ -209,8 +215,7 @@ def _position(row: _Row) -> _Read:
 def _range(row: _Row, gain: float) -> dict[str, bool]:
     """Return what MuJoCo clamps and a reference is not, where the joint's angle is the control times gain / gear."""
     low, high = sorted(gain * u / row.gear for u in row.controls)
-    text = f"keep references within {low:.6g} to {high:.6g} rad or m, to which MuJoCo clamps them"
-    return {f"ignored the ctrlrange of actuators, since references have no limits: {text}": math.isfinite(high - low)}
+    return {f"{RANGED}{low:.6g} to {high:.6g}": math.isfinite(high - low)}
 
 
 def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
