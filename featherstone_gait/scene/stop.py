@@ -1,7 +1,8 @@
 """Stops at the limits of the joints.
 
-The strongest torque at a joint drives it `STOP_DEPTH` into its stop: that is the stiffness K.  The damping of Hunt and
-Crossley grows with the depth, K d x; at a tenth of that depth, `CRITICAL_DEPTH`, it is critical,
+The strongest torque at a joint drives it `STOP_DEPTH` into its stop: that is the stiffness K.  Where it is not known,
+the robot's weight sinks in by 1 mm: at a lever of 0.1 m, or on a joint that slides.  The damping of Hunt and Crossley
+grows with the depth, K d x; at a tenth of that depth, `CRITICAL_DEPTH`, it is critical,
 
     K d x = 2 sqrt(K J)    at x = CRITICAL_DEPTH,
 
@@ -22,6 +23,7 @@ from ..model import Model
 from .actuator import Drive, stall_torque
 from .records import records
 
+LEVER = 0.1  # [m]; of the robot's weight on a joint whose strongest torque is not known
 CRITICAL_DEPTH = 0.001  # [rad or m] at which a stop is critically damped
 
 
@@ -36,10 +38,12 @@ def build_stops(model: Model, drive: Drive, inertias: Sequence[float], g: float)
     table = records(len(joints), STOP)
     for row, joint, servo, inertia in zip(table, joints, drive.servos, inertias):
         row.lower, row.upper = max(joint.lower, -1e300), min(joint.upper, 1e300)
-        # that of the servo, else of the file, else the robot's weight at 0.1 m; without gravity the weight on Earth
+        # that of the servo, else of the file, else such that the robot's weight at LEVER, or on a slider, sinks in by
+        # LEVER * STOP_DEPTH; without gravity the weight on Earth
         torque = stall_torque(servo) if servo else math.inf
         if torque == math.inf:
-            torque = joint.effort if joint.effort < 1e3 else model.mass * (g or 9.81) * 0.1
+            lever = 1.0 / LEVER if joint.type == "prismatic" else LEVER
+            torque = joint.effort if joint.effort < 1e3 else model.mass * (g or 9.81) * lever
         row.stiffness = max(torque, 1e-6) / STOP_DEPTH
         row.damping = 2.0 * math.sqrt(inertia / row.stiffness) / CRITICAL_DEPTH
     return table
