@@ -73,3 +73,16 @@ def test_an_elastic_bounce_returns_to_its_height():
     height = simulate(scene, 0.5, start, record=("base_q",), record_interval=1e-3)["base_q"][:, 2] - 0.05
     assert height[:150].min() < 0.0
     assert abs(height[150:].max() - 0.05) < 0.01 * 0.05
+
+
+@pytest.mark.long
+def test_elastic_bounces_keep_their_energy_to_the_tolerance():
+    """Wherever in a step a contact ends, also where all columns step over the rest of it."""
+    scene = compile_scene(ball(), None, Ground(damping_ratio=0.0), "extrapolation", **NO_FALL)
+    for rtol, allowed in ((1e-4, 3e-3), (1e-6, 6e-5)):
+        for height in np.linspace(0.03, 0.2, 18):
+            start = initial_state(scene, [0.0, 0.0, 0.05 + height, 1.0, 0.0, 0.0, 0.0])
+            run = simulate(scene, 0.5, start, rtol=rtol, estimate_error=False)
+            z, v = run["base_q"][:, 2] - 0.05, run["base_qd"][:, 2]
+            energy = 9.81 * z + 0.5 * v**2
+            assert np.abs(energy[z > 0.0] / energy[0] - 1.0).max() < allowed

@@ -53,7 +53,9 @@ FALL, FALL_SQUARES = 10.0, 1000.0  # of the error, that one more column in power
 MOST_REJECTED = 1000.0  # attempts at one step
 INSTANT = 1e-3  # of the interval: after its start
 DISCONTINUOUS = 0.3  # of the error of two columns, assumed for an interval with a discontinuity
-HIDDEN = 1e4  # columns that agree so much better than later ones have all stepped over what these see
+# Columns that agree so much better than later ones have all stepped over what these see: a contact that ends within
+# their first step, or a joint that friction stops there.
+HIDDEN, HIDDEN_STOP = 10.0, 1e4
 PASSED = 1e3  # error over the tolerance with which a discontinuity is passed at the least step
 LOCATED = 4.0  # least steps: a discontinuity is located no more precisely
 LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
@@ -139,7 +141,7 @@ def extrapolate(work, run, y, t, length):
             least = run.plan.least_step
             if skipped <= 1.0 and (h > LOCATED * least or not _sticks(run)):
                 pace[STEP] = max(_narrow(work, h, count, error), 0.8 * LOCATED * least)
-            elif _sticks(run) and h > 1.5 * least:
+            elif h > 1.5 * least:
                 pace[STEP] = max(pace[STEP], 1.2 * least)
         if not pace[STEP] > run.plan.least_step:
             return 0.0
@@ -284,27 +286,28 @@ def _skipped(run, last, h):
 
     It takes forces at the end of a step only.  A discontinuity within the first step of all columns is the same for all
     of them, as if it had been at the start, and the scheme does not show it.  But the accelerations of the columns'
-    first steps, extrapolated to a step of length 0, then differ from those an instant after the start.  Where friction
-    reverses with a joint they differ by a jump, which has acted too long by half of the shortest first step on average.
+    first steps, extrapolated to a step of length 0, then differ from those an instant after the start.  Where forces
+    are on other branches there than in the shortest first step, they have acted too long by half of it on average.
     """
     offsets, worst = run.offsets[0], 0.0
-    turns = _sticks(run) and run.work.discontinuity[BEFORE] == 0.0 and h > LOCATED * run.plan.least_step
+    changes = run.work.discontinuity[BEFORE] == 0.0 and h > LOCATED * run.plan.least_step
     for i in range(len(run.scene.tree) - 1):
         a = _skipped_by(run, last, offsets.qdd + i)
         worst = max(worst, _scaled_at(run, a, offsets.q + i))
-        if turns:
-            e = 0.5 * a * run.work.columns.h[0, 0]
-            worst = max(worst, scaled(run.plan, e, run.work.start[offsets.qd + i], run.work.start[offsets.qd + i]))
-    return _skipped_by_base(run.scene.floating, run, last, worst)
+        if changes:
+            worst = max(worst, _scaled_speed(run, a, offsets.qd + i))
+    return _skipped_by_base(run.scene.floating, run, last, worst, changes)
 
 
 @inline
-def _skipped_by_base(floating, run, last, worst):
+def _skipped_by_base(floating, run, last, worst, changes):
     if floating is not None:
         offsets = run.offsets[0]
         for i in range(6):  # the quaternion's vector is half the turn
             a = _skipped_by(run, last, offsets.base_qdd + i)
             worst = max(worst, _scaled_at(run, a, offsets.base_q + i + i // 3))
+            if changes:
+                worst = max(worst, _scaled_speed(run, a, offsets.base_qd + i))
     return worst
 
 
@@ -327,6 +330,13 @@ def _scaled_at(run, a, position):
     """Return the error of a position by an acceleration that differs by a, over the tolerance."""
     start, h = run.work.start, run.work.columns.h[0, 0]
     return scaled(run.plan, a * h * h / 6.0, start[position], start[position])
+
+
+@inline
+def _scaled_speed(run, a, speed):
+    """Return the error of a speed by an acceleration that differs by a, over the tolerance."""
+    start, h = run.work.start, run.work.columns.h[0, 0]
+    return scaled(run.plan, 0.5 * a * h, start[speed], start[speed])
 
 
 @inline
@@ -491,12 +501,13 @@ def _combine(implicit, run, h, count):
     """
     ladder, m, least, error = run.work, _smooth(implicit, run), 1e300, 0.0
     fall = FALL_SQUARES if implicit is None else FALL
+    hidden = HIDDEN_STOP if _sticks(run) else HIDDEN
     for j in range(1, count):
         _neville(implicit, j, ladder.table, m)
         error = max(_error(run), error / fall)
         power = 2 * j + 1 if implicit is None else j + 1  # 1 / exponent of the step in the local error
         ladder.wanted[j] = min(SAFETY * h * root(TARGET / max(error, 1e-30), power), 20.0 * h)
-        if j == 1 or (error > HIDDEN * ladder.discontinuity[ROUGH] and _sticks(run)):
+        if j == 1 or error > hidden * ladder.discontinuity[ROUGH]:
             ladder.discontinuity[ROUGH] = error
         if error < least:
             least = error
@@ -510,8 +521,8 @@ def _error_of_discontinuity(run, h):
     """Return the least error of an interval with a discontinuity over the tolerance.
 
     A discontinuity within the first or last step of all columns shows only in the largest of their differences, that of
-    the first two, in proportion to the change of slope.  If friction stops a joint within the first step of some
-    columns, the differences of these are all alike, and the largest is the first of the others.
+    the first two, in proportion to the change of slope.  If it lies within the first step of some columns, the
+    differences of these are all alike, and the largest is the first of the others.
     """
     if run.work.discontinuity[BEFORE] < 0.0 or h < LOCATED * run.plan.least_step:
         return 0.0
