@@ -428,7 +428,7 @@ def test_friction_that_is_as_wide_as_the_robot_has_it_is_no_error():
         scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, servo)), "rotor", integrator="dop853")
         other = second_run(scene, 1e-7, 1e-7, None)
         assert (other.scene.constants.friction is not scene.constants.friction) == softer
-        assert other.share == (1.0 if softer else 0.35)
+        assert other.share == 1.0
 
 
 def test_a_friction_law_from_elsewhere_is_left_as_it_is():
