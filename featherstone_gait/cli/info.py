@@ -103,7 +103,7 @@ def _short_joint_table(model: Model) -> list[str]:
     held, rows = model.held, []
     for joint in model.joints:
         if joint.type != "fixed":
-            limits = f"{_angle(joint, joint.lower)} to {_angle(joint, joint.upper)}"
+            limits = _limits(joint)
             where = f"locked at {_angle(joint, held[joint.name])}" if joint.name in held else limits
             rows.append((joint.name, joint.type, where, _spring(joint)))
     columns = 4 if any(row[3] for row in rows) else 3
@@ -129,11 +129,16 @@ def _joint_table(model: Model, check: Preflight | None) -> list[str]:
         if joint.type == "fixed":
             rows.append((*names, *"-----"))
             continue
-        limits = f"{_angle(joint, joint.lower)} to {_angle(joint, joint.upper)}"
         force, rate = ("N", "m/s") if joint.type == "prismatic" else ("N m", "rad/s")
         effort, speed = f"{joint.effort:.4g} {force}", f"{joint.velocity:.4g} {rate}"
-        rows.append((*names, _numbers(joint.axis), limits, effort, speed, steps.get(joint.name, "")))
+        rows.append((*names, _numbers(joint.axis), _limits(joint), effort, speed, steps.get(joint.name, "")))
     return table(head, rows)
+
+
+def _limits(joint: Joint) -> str:
+    if joint.lower == -math.inf and joint.upper == math.inf:
+        return "none"
+    return f"{_angle(joint, joint.lower)} to {_angle(joint, joint.upper)}"
 
 
 def _angle(joint: Joint, value: float) -> str:
