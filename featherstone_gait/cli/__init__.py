@@ -54,7 +54,7 @@ def main(argv: list[str] | None = None) -> int:
             sys.stdout.flush()
             return code
         except (ValueError, OSError) as error:
-            print("error:", " ".join(args.command.in_options(_said(error)).split()), file=sys.stderr)
+            print("error:", _tidy(args.command.in_options(_said(error))), file=sys.stderr)
             return 2
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
@@ -79,6 +79,12 @@ def _plain_warnings(command: Parser) -> Iterator[None]:
         yield
     finally:
         warnings.formatwarning = usual
+
+
+def _tidy(text: str) -> str:
+    """Put a message in one line, but for the problems of a file, which are indented lines of their own."""
+    first, *problems = text.split("\n  ")
+    return "\n  ".join(" ".join(part.split()) for part in (first, *problems))
 
 
 def _said(error: ValueError | OSError) -> str:

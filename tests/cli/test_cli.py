@@ -252,6 +252,14 @@ def test_info_says_what_carries_a_robot(capsys, tmp_path):
     assert "no contact points, so `simulate` lets it fall" in capsys.readouterr().out
 
 
+def test_problems_of_a_file_have_lines_of_their_own(tmp_path, capsys):
+    (tmp_path / "arm.urdf").write_text('<robot name="arm"><link name="base"/></robot>')
+    (tmp_path / "arm.toml").write_text("[bogus]\nx = 1\n[worse]\ny = 2\n")
+    assert cli.main(["info", str(tmp_path / "arm.urdf")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["error", "  line 1", "  line 3"]
+
+
 @pytest.mark.parametrize(
     ("command", "said"),
     [
@@ -260,7 +268,7 @@ def test_info_says_what_carries_a_robot(capsys, tmp_path):
         ("optimize --iters 3", "error: there is no option --iters (did you mean --iterations?); `feather"),
         ("info arm7 arm8", "error: 'arm8' was not expected; `featherstone-gait info --help`"),
         ("info", "error: the following arguments are required: ROBOT; `featherstone-gait info --help`"),
-        ("benchmark spead", "error: argument NAME: 'spead' is none of speed, servo, "),
+        ("benchmark spead", "error: argument NAME: 'spead' is none of speed, walk, "),
         ("simulate arm7 --gearbox mips", "error: argument --gearbox: 'mips' is none of mipsd, rotor, standard, none "),
     ],
 )
