@@ -103,8 +103,11 @@ def edges_on_steps(
     pushes: Sequence[Push],
     torques: Reference | ArrayLike | None = None,
     reference: Reference | None = None,
+    until: float = math.inf,
 ) -> int:
-    """Return 2 if what acts on a run from `begin` [s] changes at every second of its steps only, 1 at steps, else 0.
+    """Return 2 if what acts on a run changes at every second of its steps only, 1 at steps, else 0.
+
+    The run goes from `begin` to `until` [s].
 
     Sampled controllers see their reference at ticks: it does not count.
     """
@@ -114,7 +117,7 @@ def edges_on_steps(
         if isinstance(signal, Reference) and (signal.values != signal.values[0]).any():
             times.append(signal.times)
             periods += [float(signal.times[-1] - signal.times[0])] * signal.cyclic
-    ends = (t for t in np.concatenate([[], *times]).tolist() if math.isfinite(t) and (periods or t > begin))
+    ends = (t for t in np.concatenate([[], *times]).tolist() if math.isfinite(t) and (periods or begin < t < until))
     edges = np.array([t - begin for t in ends])
     steps = np.append(edges, periods) / scene.timestep
     return next((n for n in (2, 1) if (np.abs(steps - n * np.round(steps / n)) < ON_STEP).all()), 0)

@@ -336,10 +336,13 @@ def _with_second_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> lis
 
 def _with_edges(jobs: list[Job], runs: list[Trajectory], how: How) -> list[Job]:
     """Return the jobs with their edges, once their runs have shown that states and signals are sound."""
-    return [
-        job._replace(edges=edges_on_steps(job.scene, run["time"][0], how.pushes, job.tau, job.reference))
-        for job, run in zip(jobs, runs)
-    ]
+    found = []
+    for job, run in zip(jobs, runs):
+        begin, tick = run["time"][0], job.scene.tick_steps * job.scene.timestep
+        until = begin + how.duration + tick  # it is rounded up to whole ticks
+        edges = edges_on_steps(job.scene, begin, how.pushes, job.tau, job.reference, until)
+        found.append(job._replace(edges=edges))
+    return found
 
 
 def _with_finer_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> list[Trajectory]:

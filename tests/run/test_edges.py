@@ -237,3 +237,4 @@ def test_edges_lie_on_steps_or_within_them():
     assert edges_on_steps(scene, 0.0, [Push("car")], wave) == 2
     assert edges_on_steps(scene, 0.3, [Push("car", start=0.1, end=0.2003)]) == 2
     assert edges_on_steps(scene, 0.0, [Push("car", start=0.1, end=0.2003)]) == 0
+    assert edges_on_steps(scene, 0.0, [Push("car", start=0.1, end=0.2003)], until=0.2) == 2
