@@ -400,7 +400,7 @@ def test_the_start_of_a_joint_that_follows_is_told(tmp_path):
     arm = replace(arm, joints=(first, replace(second, mimic=Mimic(first.name, 0.5, 0.0)), *arm.joints[2:]))
     text, _ = simulate_command._experiment(compile_scene(arm), None)
     assert text.endswith("all others at zero or as they follow others")
-    assert not simulate_command._experiment(compile_scene(load_robot("arm7")))[0].endswith("others")
+    assert not simulate_command._experiment(compile_scene(load_robot("arm7")), None)[0].endswith("others")
 
 
 @pytest.mark.long
