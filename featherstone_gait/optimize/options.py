@@ -6,6 +6,8 @@ Nothing heavy is imported, so that `featherstone-gait --help` answers at once.
 # ruff: noqa: RUF009  (`_option` is `dataclasses.field` with what the command line needs)
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +29,14 @@ def _option(default: Any, help: str, flag: str | None = None, old: str | None = 
         argument |= {"type": int, "metavar": "N"}
         help += f" (default: {default})"
     return field(default=default, metadata={"flag": flag, "old": old, "argument": {"help": help, **argument}})
+
+
+def _numbers(text: str) -> dict[str, float]:
+    """Read NAME=NUMBER,...; raise ArgumentTypeError for other text."""
+    try:
+        return {name.strip(): float(value) for name, _, value in (part.partition("=") for part in text.split(","))}
+    except ValueError:
+        raise ArgumentTypeError(f"{text!r} is no NAME=NUMBER,..., as in step_length=0.03,com_height=0.24") from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +74,8 @@ class OptimizeOptions:
         Power of the locked servos while they hold still [W]; None: 0.
     plan : {"plain", "cheapest"} or None
         Plan that the search starts from; None: the plain plan, or the cheapest one if the plain plan fails.
+    walk : mapping of str to float or None
+        Settings of `walking.WalkSettings` that the plan keeps, such as ``{"com_height": 0.24}`` [SI].
     baselines : bool
         Whether a search in worlds is also compared with the cheapest plan.
     feedback : bool
@@ -106,6 +118,10 @@ class OptimizeOptions:
     plan: PlanKind | None = _option(
         None, "plan that the search starts from (docs/walking.md; default: plain, or cheapest if the plain plan falls)",
         choices=("plain", "cheapest"),
+    )  # fmt: skip
+    walk: Mapping[str, Any] | None = _option(
+        None, "settings that the plan keeps, in SI units: step_length, step_time, com_height, half_width, lift, "
+        "double_support (docs/walking.md)", type=_numbers, metavar="NAME=NUMBER,...",
     )  # fmt: skip
     baselines: bool = _option(
         True, "do not compare with the cheapest plan; saves 13 s where it is not stored",

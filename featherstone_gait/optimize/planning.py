@@ -121,7 +121,10 @@ def plan_first_gait(job: Job, plan: PlanKind) -> Start:
     """Plan a first gait and evaluate it; raise ValueError if there is none."""
     options = job.options
     states = options.states or default_states(job.model)
-    cost = walking_cost(job.model, options.gearbox, states=states, plan=plan, progress=options.progress)
+    cost = walking_cost(
+        job.model, options.gearbox, states=states, plan=plan, progress=options.progress,
+        **(options.walk or {}),
+    )  # fmt: skip
     searched = in_worlds(cost, options.worlds) if options.worlds else cost
     return Start(plan, cost, searched, *searched(cost.gait.to_vector()), Watch(job.model, cost.start[0]))
 

@@ -24,6 +24,7 @@ from ..walking.walker import GENERIC, driven, load_walker
 from .options import OptimizeOptions
 
 MOST_ITERATIONS = 10**7
+WALK = {"step_length", "step_time", "com_height", "half_width", "lift", "double_support"}  # of `WalkSettings`
 # Seconds of two cores of an AMD EPYC, compiled before (docs/optimize.md, docs/walking.md, docs/feedback.md):
 SECONDS = {
     "first gait": 2.5, "candidate in a world": 0.0045, "selection": 3.5, "test world": 0.026, "files": 2.0,
@@ -86,6 +87,8 @@ def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
     whole("worlds", options.worlds, 0, "0 is the robot's own ground alone", MOST_WORLDS)
     whole("test_worlds", options.test_worlds, 0, "0 tests in none", MOST_WORLDS)
     whole("iterations", options.iterations, 1, "it is the number of candidates", MOST_ITERATIONS)
+    if unknown := sorted({*(options.walk or {})} - WALK):
+        raise ValueError(f"walk: {unknown[0]!r} is no setting that a plan can keep; they are {', '.join(sorted(WALK))}")
     if options.feedback and not options.worlds:
         raise ValueError(
             "feedback is searched in worlds, and worlds is 0; leave out feedback, or --one-world and --worlds 0"

@@ -93,3 +93,8 @@ def test_a_plan_that_is_named_is_not_replaced(bare, tmp_path, monkeypatch):
     options = OptimizeOptions(servo="generic", legs_only=True, plan="plain", out=tmp_path, progress=False)
     with pytest.raises(ValueError, match="cannot reach"):
         main_job(bare, options)
+
+
+def test_a_setting_that_a_plan_cannot_keep_is_named_before_anything_is_planned(bare, tmp_path):
+    with pytest.raises(ValueError, match="stride_length"):
+        main_job(bare, OptimizeOptions(servo="ax12", out=tmp_path, walk={"stride_length": 0.1}, progress=False))
