@@ -70,7 +70,7 @@ def draw(axes, scene, k):
     caption, (_, q, energy), (corners, normals, colors) = scene
     axes.clear()
     axes.set_axis_off()
-    axes.set(xlim=(-0.25, 1.25), ylim=(-0.1, 0.46), aspect="equal")
+    axes.set(xlim=(-0.16, 0.76), ylim=(-0.06, 0.42), aspect="equal")
     axes.add_collection(PolyCollection(flat(tiles()), facecolors="0.92", edgecolors="none"))
     facing = normals[k] @ LOOK > 0.0
     order = np.argsort((corners[k].mean(axis=1) @ LOOK)[facing])
@@ -85,7 +85,7 @@ def draw(axes, scene, k):
 
 
 def main(source, target):
-    figure = Figure(figsize=(6.4, 4.7), dpi=100)
+    figure = Figure(figsize=(5.4, 5.63), dpi=100)
     panels = figure.subplots(2)
     figure.subplots_adjust(0, 0, 1, 1, 0, 0)
     scenes = [
