@@ -133,6 +133,21 @@ def test_an_excluded_body_touches_the_floor_by_its_pair_alone(load):
     assert not load(alone).shapes
 
 
+def test_numbers_of_geoms_that_are_not_read_are_noted(load):
+    """Those of geoms that touch outside of pairs, where the file states others than MuJoCo's defaults."""
+
+    def unread(sole):
+        text = scene(f'type="sphere" size="0.05" {sole}', floor="", bits="")
+        return [
+            note for note in load(text.replace("<pair", "<!--").replace("/></c", "--></c")).notes if "not read" in note
+        ]
+
+    assert unread("") == []
+    friction, margin = unread('friction="0.3 0 0" margin="0.01"')
+    assert "(0.3)" in friction
+    assert "(0.01 m)" in margin
+
+
 def test_a_floor_may_be_a_body_that_stands_still(load):
     plane = f'<geom name="floor" type="plane" size="5 5 1" {BY_PAIRS}/>'
     for inside in (plane, plane.replace("plane", "box")):

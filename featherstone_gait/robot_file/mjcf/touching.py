@@ -15,6 +15,7 @@ from ...base.flaws import quoted
 from .tree import HFIELD, PLANE, Tree, names_of
 
 FRICTIONLESS = 1  # condim
+DEFAULT_FRICTION = 1.0  # MuJoCo's of a geom
 
 
 class Touching(NamedTuple):
@@ -51,7 +52,24 @@ def read_touching(m: Any, tree: Tree, stated: bool) -> Touching:
     within = sum(not {_body(m, floor), 0} & set(bodies) for bodies in excluded) // 2
     remarks += [f"skipped {within} <exclude>: links touch the ground alone"] if within else []
     remarks += _by_pair(m, {g: friction[g] for g in by_pair})
+    remarks += _unread(m, [g for g in friction if g not in by_pair])
     return Touching(friction, list(_doubts(m, by_pair, stated)), remarks)
+
+
+def _unread(m: Any, geoms: list[int]) -> list[str]:
+    """Say which numbers of geoms that touch the ground outside of pairs are not read, where they are not MuJoCo's."""
+    frictions = sorted({float(m.geom_friction[g, 0]) for g in geoms})
+    margins = sorted({float(x) for g in geoms for x in (m.geom_margin[g], m.geom_gap[g])} - {0.0})
+    said = []
+    if any(friction != DEFAULT_FRICTION for friction in frictions):
+        said.append(f"friction of geoms ({_span(frictions)}) is not read: contacts have that of the ground")
+    if margins:
+        said.append(f"margin and gap of geoms ({_span(margins)} m) are not read: forces begin where shapes touch")
+    return said
+
+
+def _span(values: list[float]) -> str:
+    return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
 
 
 def _is_ground(m: Any, tree: Tree, g: int) -> bool:
