@@ -85,7 +85,7 @@ def draw(axes, scene, k):
 
 
 def main(source, target):
-    figure = Figure(figsize=(5.4, 5.63), dpi=100)
+    figure = Figure(figsize=(5.0, 5.22), dpi=100)
     panels = figure.subplots(2)
     figure.subplots_adjust(0, 0, 1, 1, 0, 0)
     scenes = [

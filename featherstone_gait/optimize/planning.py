@@ -19,6 +19,8 @@ from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import CostInWorlds, in_worlds
 from ..walking.gait import mirror_of
 from ..walking.limits import Watch
+from ..walking.one_leg import check_strength
+from ..walking.plan import walking_plan
 from .preparation import SECONDS, Job, check_history, told
 from .quality import describe
 
@@ -87,6 +89,7 @@ class Start(NamedTuple):
 def plan_start(job: Job) -> Start:
     """Plan the gait that the search starts from; print its measures and how long the search takes."""
     options, first = job.options, None
+    _check_strength(job)
     try:
         first = plan_first_gait(job, options.plan or "plain")
         failure = first.failure
@@ -115,6 +118,15 @@ def plan_start(job: Job) -> Start:
         slower = (time.process_time() - began) / (2.0 * SECONDS["candidate in a world"] * max(worlds, 1))
         job.print(f"duration: {told(slower * sum(job.seconds.values()))}")
     return first if measures.status == "ok" else first._replace(failure=measures.status)
+
+
+def _check_strength(job: Job) -> None:
+    """Raise ValueError where servos are too weak to stand on one leg; a plan out of reach is told where it is used."""
+    try:
+        plan = walking_plan(job.model, **(job.options.walk or {}))
+    except ValueError:
+        return
+    check_strength(job.model, plan)
 
 
 def plan_first_gait(job: Job, plan: PlanKind) -> Start:
