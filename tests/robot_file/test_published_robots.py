@@ -22,7 +22,6 @@ REFUSED = {  # what has no meaning, and the reason
     "cube_no_rotation.urdf": "lower 1.0, upper -1.0",
     "humanoid.urdf": "not well-formed XML",
     "husky.urdf": "$(optenv HUSKY_IMU_XYZ",
-    "icub.urdf": "can move together without inertia",
     "microtaur.urdf": "has 4 numbers",
     "romeo.urdf": "moves but has mass 0.0 kg",
     "romeo_laas_small.urdf": "moves but has mass 0.0 kg",
