@@ -21,7 +21,7 @@ from ..walking.gait import mirror_of
 from ..walking.limits import Watch
 from ..walking.one_leg import check_strength
 from ..walking.plan import walking_plan
-from .preparation import SECONDS, Job, check_history, told
+from .preparation import SECONDS, Job, check_history, estimate_in_words
 from .quality import describe
 
 
@@ -116,12 +116,15 @@ def plan_start(job: Job) -> Start:
         began = time.process_time()  # evaluated again: the first time may have compiled
         first.searched(x)
         slower = (time.process_time() - began) / (2.0 * SECONDS["candidate in a world"] * max(worlds, 1))
-        job.print(f"duration: {told(slower * sum(job.seconds.values()))}")
+        job.print(f"duration: {estimate_in_words(slower * sum(job.seconds.values()))}")
     return first if measures.status == "ok" else first._replace(failure=measures.status)
 
 
 def _check_strength(job: Job) -> None:
-    """Raise ValueError where servos are too weak to stand on one leg; a plan out of reach is told where it is used."""
+    """Raise ValueError if servos are too weak for the robot to stand on one leg.
+
+    A robot for which no plain walk can be planned is not checked: the planning that follows raises its own error.
+    """
     try:
         plan = walking_plan(job.model, **(job.options.walk or {}))
     except ValueError:

@@ -121,15 +121,15 @@ def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
     if options.gearbox is None:
         job.print(f"gearbox: {why_chosen(gearbox)}")
     if robot == "humanoid":
-        duration = told(sum(job.seconds.values()))
+        duration = estimate_in_words(sum(job.seconds.values()))
     else:
         duration = "how long is estimated from the first gait"
     job.print(f"duration: {duration}; the first run takes half a minute more, to compile")
     return job
 
 
-def told(seconds: float) -> str:
-    """Tell an estimated duration."""
+def estimate_in_words(seconds: float) -> str:
+    """Describe an estimated duration on two cores: "about 50 s on two cores"; seconds: [s]."""
     about = f"{10.0 * math.ceil(0.1 * seconds):.0f} s" if seconds <= 90.0 else f"{seconds / 60.0:.0f} min"
     return f"about {about} on two cores"
 

@@ -27,7 +27,7 @@ from ..scene.compile import GearboxKind, compile_scene
 from ..view.style import look
 from .claim import Claim, Verdict, classify, question, span
 from .common import EXPLICIT, SERVO_COLORS, in_threads, subplots
-from .seven_joint_arm import DEG2, FALLEN, GEARBOXES, Case, arm
+from .seven_joint_arm import DEG2, FALLEN, GEARBOXES, Case, arm, draw_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,6 +64,15 @@ class Held:
     chatters: bool  # velocities alternate from step to step in a run of the first kind
     growth: float  # of a small disturbance from tick to tick in the paper's kind of program [-]
     physical: float  # the same for a step that tends to zero [-]
+
+    @property
+    def typical(self) -> float:
+        """Median error in the paper's kind of program [rad^2]."""
+        return float(np.median(self.explicit))
+
+    @property
+    def word(self) -> str:
+        return ("chatters" if self.chatters else "holds") if self.stands else "falls"
 
     @property
     def stands(self) -> bool:
@@ -220,7 +229,8 @@ def _ratio(result: RatioResult) -> Claim:
         "makes the motor's brake four times as strong, and an explicit step goes beyond it; the chatter is an error of "
         f"integration: without it at most {max(_squares(result.standing('standard'), 'controlled')):.2g} deg² are left."
     )
-    ours = f"with {PAPER_JOINTS} joints {_onset(settings.ratios, result.over_ratios('standard'), 'ratio')}"
+    found = _onset(settings.ratios, result.over_ratios("standard"), "at ratios of {:g} to {:g}")
+    ours = f"{PAPER_JOINTS} joints: {found}"
     return Claim(claim, "no number", ours, _verdict(rows, result), why, "Section 3")
 
 
@@ -232,7 +242,8 @@ def _joints(result: RatioResult) -> Claim:
         "joint, and behind the gear that of the motor is missing. The paper says that errors of the first joint "
         "travel to the others; here all joints are solved at once, and the chatter comes all the same."
     )
-    ours = f"at ratio {PAPER_RATIO:g} {_onset(settings.joints, result.over_joints('standard'), 'number')}"
+    found = _onset(settings.joints, result.over_joints("standard"), "with {:g} to {:g} joints")
+    ours = f"ratio {PAPER_RATIO:g}: {found}"
     claim = "A robot with a high number of joints easily becomes unstable"
     return Claim(claim, "no number", ours, _verdict(rows, result), why, "Abstract")
 
@@ -268,14 +279,14 @@ def _verdict(rows: list[list[Held]], result: RatioResult) -> Verdict:
     return classify(ordered and both and not any(one.chatters for one in result.standing("mipsd")))
 
 
-def _onset(values: Sequence[float], row: list[Held], name: str) -> str:
+def _onset(values: Sequence[float], row: list[Held], where: str) -> str:
     """Return which values chatter, how much, and where linear theory begins to say so."""
     loud = [(value, one) for value, one in zip(values, row) if one.stands and one.chatters]
     if not loud:
         return "none chatters"
     theory = next((value for value, one in zip(values, row) if one.unstable), math.inf)
     errors = span(_squares([one for _, one in loud], "explicit"), ".2g")
-    return f"from {name} {loud[0][0]:g} to {loud[-1][0]:g}: {errors} deg²; by linear theory from {theory:g} on"
+    return f"{errors} deg² {where.format(loud[0][0], loud[-1][0])}; by linear theory from {theory:g} on"
 
 
 def _squares(found: list[Held], of: str) -> list[float]:
@@ -326,24 +337,12 @@ def _draw(errors: Axes, theory: Axes, x: Sequence[float], held: list[Held], gear
 
 
 def _maps(result: RatioResult) -> Figure:
-    from matplotlib.colors import LogNorm
-
     ratios, joints = result.settings.ratios, result.settings.joints
     figure, axes = subplots(13.0, 1.6 + 0.42 * len(joints), 1, 3, sharey=True)
     for panel, gearbox in zip(axes, GEARBOXES):
         grid = [result.over_ratios(gearbox, n) for n in joints]
-        values = np.array([_squares(row, "explicit") for row in grid])
-        panel.grid(False)
-        image = panel.imshow(
-            np.clip(values, FLOOR, CEILING), norm=LogNorm(FLOOR, CEILING), cmap="viridis", aspect="auto"
-        )
-        panel.set_xticks(range(len(ratios)), [f"{ratio:g}" for ratio in ratios])
-        panel.set_yticks(range(len(joints)), [f"{n}" for n in joints])
+        image = draw_errors(panel, grid, [f"{ratio:g}" for ratio in ratios], [f"{n}" for n in joints], 6)
         panel.set(title=gearbox, xlabel="gear ratio")
-        for (k, row), j in product(enumerate(grid), range(len(ratios))):
-            text = "falls" if not row[j].stands else "chatters" if row[j].chatters else ""
-            color = "black" if values[k, j] > 1.0 else "white"
-            panel.text(j, k, text, ha="center", va="center", fontsize=6, color=color)
     axes[0].set_ylabel("joints")
     figure.colorbar(image, ax=axes, label="error [deg²]", pad=0.01)
     return figure

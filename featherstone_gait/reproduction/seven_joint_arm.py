@@ -21,7 +21,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -424,6 +424,16 @@ def _both(outcome: Outcome) -> str:
 FLOOR, CEILING = 1e-10, 1e5  # of what is shown [deg^2]
 
 
+class Judged(Protocol):
+    """An arm that was held: its median error [rad^2], and how it ended in a word."""
+
+    @property
+    def typical(self) -> float: ...
+
+    @property
+    def word(self) -> str: ...
+
+
 @look()
 def plot(result: ArmHoldResult) -> dict[str, Figure]:
     """Return the figures, by caption."""
@@ -482,12 +492,14 @@ def _factorial(result: ArmHoldResult) -> Figure:
     found, columns = factorial(result), ((False, False), (True, False), (False, True), (True, True))
     grid = [[found[*cause, implicit] for cause in columns] for implicit in (False, True)]
     names = ("neither\n(standard)", "rotor inertia\n(rotor)", "compliance\nwithout rotor", "both\n(mipsd)")
-    image = _heat(axes, grid, names, tuple(INTEGRATOR_NAMES.values()), 9)
+    image = draw_errors(axes, grid, names, tuple(INTEGRATOR_NAMES.values()), 9)
     figure.colorbar(image, ax=axes, label="error [deg²]")
     return figure
 
 
-def _heat(panel: Axes, grid: list[list[Outcome]], columns: Sequence[str], rows: Sequence[str], size: int) -> AxesImage:
+def draw_errors(
+    panel: Axes, grid: Sequence[Sequence[Judged]], columns: Sequence[str], rows: Sequence[str], size: int
+) -> AxesImage:
     """Draw median errors as colors and numbers, with a word where the arm does not hold."""
     from matplotlib.colors import LogNorm
 
@@ -505,6 +517,8 @@ def _heat(panel: Axes, grid: list[list[Outcome]], columns: Sequence[str], rows: 
 
 
 def _short(value: float) -> str:
+    if value < FLOOR:
+        return f"< {FLOOR:.0e}"
     if 1e-2 <= value < 1e3:
         return f"{float(f'{value:.2g}'):g}"
     mantissa, exponent = f"{value:.0e}".split("e")
@@ -517,7 +531,7 @@ def _maps(result: ArmHoldResult) -> Figure:
     for (k, integrator), (j, gearbox) in product(enumerate(INTEGRATORS), enumerate(GEARBOXES)):
         panel = axes[k, j]
         grid = [[result.of(gearbox=gearbox, integrator=integrator, Kp=Kp, step=h) for h in steps] for Kp in gains]
-        image = _heat(panel, grid, [f"{1e3 * h:g}" for h in steps], [f"{Kp:g}" for Kp in gains], 7)
+        image = draw_errors(panel, grid, [f"{1e3 * h:g}" for h in steps], [f"{Kp:g}" for Kp in gains], 7)
         panel.set_title(f"{gearbox}, {INTEGRATOR_NAMES[integrator]}", fontsize=10)
     for panel in axes[-1]:
         panel.set_xlabel("step [ms]")
@@ -571,7 +585,7 @@ def _readings(result: ArmHoldResult) -> Figure:
     for panel, integrator in zip(axes, INTEGRATORS):
         model = {"gearbox": "mipsd", "integrator": integrator}
         grid = [[result.of(**model, preset=g, rotor_inertia=J) for J in inertias] for g in READINGS]
-        image = _heat(panel, grid, [f"{J:g}" for J in inertias], READINGS, 8)
+        image = draw_errors(panel, grid, [f"{J:g}" for J in inertias], READINGS, 8)
         panel.set_title(f"mipsd, {INTEGRATOR_NAMES[integrator]}, 1 ms", fontsize=10)
         panel.set_xlabel("rotor inertia [kg m²]")
     figure.colorbar(image, ax=axes, label="median error [deg²]", pad=0.01)

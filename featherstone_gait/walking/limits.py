@@ -218,7 +218,7 @@ def of_servos(scene: CompiledScene, run: Trajectory, window: slice) -> dict[str,
     driven, servos = [model.joint_names.index(name) for name in names], [model.servos[name] for name in names]
     if not scene.gearbox or not servos or any(servo.controller.law in TORQUE_LAWS for servo in servos):
         return {}
-    columns = [(_stall_torque(s), s.resistance, s.gearbox.ratio * s.motor_constant, s.voltage_limit) for s in servos]
+    columns = [(net_stall_torque(s), s.resistance, s.gearbox.ratio * s.motor_constant, s.voltage_limit) for s in servos]
     stall, R, k, V = np.array(columns).T
     torque = np.abs(run["torque"][window][:, driven]) / stall
     line = np.abs(R * run["current"][window] + k * run["qd"][window][:, driven]) / V
@@ -227,5 +227,6 @@ def of_servos(scene: CompiledScene, run: Trajectory, window: slice) -> dict[str,
 
 
 @functools.lru_cache(maxsize=1024)
-def _stall_torque(servo: Servo) -> float:
+def net_stall_torque(servo: Servo) -> float:
+    """Return the torque of a servo that stalls at its supply voltage, less its friction [N m]."""
     return torque_speed(servo, points=2).stall_torque

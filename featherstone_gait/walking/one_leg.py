@@ -1,4 +1,4 @@
-"""What it takes to stand on one leg: torques of a planned walk while one foot is down, against those of the servos.
+"""Compare the torques of a planned walk, while one foot is on the ground, with the stall torques of the servos.
 
 Inverse dynamics of the plan gives the force F and moment N on the root [N; N m] that the ground has to supply.  While
 one foot is down it comes through that leg, and a joint of it at p, with the axis a, bears a'(N - p x F) of it.
@@ -11,11 +11,10 @@ import math
 import numpy as np
 
 from ..dynamics import inverse_dynamics
-from ..identification.curve import torque_speed
-from ..model import Model, Servo
+from ..model import Model
 from ..robot_file.servos import load_servo, servo_names
 from .kinematics import joint_axes, link_poses, upright_states
-from .limits import BY_NAME
+from .limits import BY_NAME, net_stall_torque
 from .plan import Plan
 from .stance import soles_of
 
@@ -43,23 +42,20 @@ def one_leg_torques(model: Model, plan: Plan) -> np.ndarray:
 
 
 def check_strength(model: Model, plan: Plan) -> None:
-    """Raise ValueError where a servo is too weak for the robot to stand on one leg, with the least one that is not."""
+    """Raise ValueError if a servo is too weak for the robot to stand on one leg; name the weakest servo that is not."""
     motors = {name: servo for name, servo in model.servos.items() if servo.resistance > 0.0}
     torques = dict(zip(model.joint_names, one_leg_torques(model, plan)))
-    asked = {name: torques[name] / _stall(servo) for name, servo in motors.items() if torques.get(name, 0.0) > 0.0}
+    asked = {name: torques[name] / net_stall_torque(motors[name]) for name in motors if torques.get(name, 0.0) > 0.0}
     weakest = max(asked, key=asked.__getitem__, default="")
     if not weakest or asked[weakest] <= MOST:
         return
-    most = max(torque for name, torque in torques.items() if name in asked)
-    enough = {name: stall for name in servo_names() if (stall := _stall(load_servo(name))) * MOST >= most}
-    remedy = f"the least servo of the package that could is {min(enough, key=enough.__getitem__)}" if enough else (
-        f"no servo of the package has the {most / MOST:.3g} N m that it takes"
-    )  # fmt: skip
+    most = max(torques[name] for name in asked)
+    known = {name: net_stall_torque(load_servo(name)) for name in servo_names()}
+    enough = [name for name in known if most <= MOST * known[name]]
+    remedy = f"no servo of the package has the {most / MOST:.3g} N m that it takes"
+    if enough:
+        remedy = f"the least servo of the package that could is {min(enough, key=known.__getitem__)}"
     raise ValueError(
         f"{model.name} is too heavy for these servos: on one leg {weakest} bears {torques[weakest]:.2f} N m, its servo "
-        f"has {_stall(motors[weakest]):.2f} N m at stall, of which a walk may ask for {100.0 * MOST:.0f} %; {remedy}"
+        f"has {net_stall_torque(motors[weakest]):.2f} N m at stall, of which a walk may ask for {MOST:.0%}; {remedy}"
     )
-
-
-def _stall(servo: Servo) -> float:
-    return torque_speed(servo, points=2).stall_torque

@@ -57,7 +57,7 @@ class Sole:
 
 
 class Size(NamedTuple):
-    """What scales a walk [m]."""
+    """Hold the lengths of a biped that set the size of its steps [m]."""
 
     leg: float  # length of a leg
     height: float  # of the center of mass over soles on straight legs

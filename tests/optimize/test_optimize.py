@@ -374,8 +374,8 @@ def test_the_command_shows_progress_and_a_table(tmp_path, capsys, monkeypatch):
     shares = [int(share) for share in re.findall(r"(\d+)%", shown.err)]  # of the whole job
     assert shares == sorted(shares)
     assert (shares[0], shares[-1]) == (0, 100)
-    for told in ("first gait", "search", "selection", "measurement", "files", "left", "best="):
-        assert told in shown.err
+    for part in ("first gait", "search", "selection", "measurement", "files", "left", "best="):
+        assert part in shown.err
     assert re.search(r"^in 2 worlds: (\d+\.\d J/m|does not walk in every world)$", shown.out, re.M)
     assert re.search(r"^walks in 3 other worlds +\d+\.\d +\d+\.\d", shown.out, re.M)
     assert re.search(r"^\d+ evaluations begun, \d+ of them wasted by .*; lanes [\d.]+ % occupied", shown.out, re.M)

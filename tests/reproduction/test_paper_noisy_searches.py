@@ -30,7 +30,7 @@ def course(condition, gain, longer, converged, iterations=3000):
 
 
 def verdicts(mipsd, standard, iterations=3000):
-    """Of searches (gain, longer, converged) with MIPSD and with the standard model, of a stride."""
+    """Return the verdicts on searches with states of a stride, given as (gain, longer, converged)."""
     courses = [course(PUT_IN[0], *one) for one in mipsd] + [
         course(Condition(gearbox="standard"), *one) for one in standard
     ]

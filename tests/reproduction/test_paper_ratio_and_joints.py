@@ -25,7 +25,7 @@ GEARBOXES = ("standard", "rotor", "mipsd")
 @pytest.mark.parametrize("gearbox", GEARBOXES)
 @pytest.mark.parametrize(("ratio", "joints", "ticks"), [(100.0, 2, 20), (254.0, 1, 20), (150.0, 4, 1)])
 def test_small_motions_are_those_of_the_linear_map(gearbox, ratio, joints, ticks):
-    """Without dry friction, of which the map has none; what is left is the square of 1e-7 rad and rounding."""
+    """Without dry friction, of which the map has none: 1e-8 is left for rounding."""
     model = robot((gearbox, ratio, joints))
     servo = replace(next(iter(model.servos.values())), coulomb_friction=0.0)
     model = replace(model, servos=dict.fromkeys(model.joint_names, servo))
@@ -41,7 +41,7 @@ def test_small_motions_are_those_of_the_linear_map(gearbox, ratio, joints, ticks
     for k in range(ticks):
         x[-joints:] = -servo.controller.Kp * x[:joints]
         x = tick @ x
-        np.testing.assert_allclose(found["q"][k + 1], x[:joints], rtol=1e-5, atol=1e-13)
+        np.testing.assert_allclose(found["q"][k + 1], x[:joints], rtol=1e-8, atol=1e-15)
 
 
 def test_where_linear_theory_puts_the_onset():

@@ -1,4 +1,4 @@
-"""What a robot's legs bear when one of them stands alone, and which servos can bear it."""
+"""Torques of the joints of a leg on which a robot stands alone, and the servos that are strong enough for them."""
 
 from dataclasses import replace
 
