@@ -1,23 +1,38 @@
-"""Claims: what the paper says, what comes out here, and whether the two agree."""
+"""Claims: what the paper says, what comes out here, and whether the two agree.
+
+A number of the paper is reproduced within the factor or the interval that stands in the code, or it is not reproduced:
+no other outcome is open to it.  An order or a sign (which of two is larger, whether something falls) can also be
+reproduced "in direction": it holds, but not by the paper's ratio.  A curve that the paper shows as a picture only
+has no verdict.  `Claim` refuses every other combination.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from html import escape
 from textwrap import fill
 from typing import TYPE_CHECKING, Literal
+
+from .items import ITEMS
 
 if TYPE_CHECKING:
     import numpy as np
 
-Verdict = Literal["reproduced", "reproduced in direction", "not reproduced", "undecided"]
+Verdict = Literal[
+    "reproduced", "reproduced in direction", "not reproduced", "undecided", "no curve to compare with"
+]  # fmt: skip
+NO_CURVE: Verdict = "no curve to compare with"
 ANSWERS: dict[Verdict, str] = {  # of a finding of our own, which no one has to reproduce
     "reproduced": "yes",
     "reproduced in direction": "in part",
     "not reproduced": "no",
     "undecided": "undecided",
+    NO_CURVE: NO_CURVE,
 }
+SHADES = {"reproduced": "#1a7f37", "yes": "#1a7f37", "reproduced in direction": "#9a6700", "in part": "#9a6700",
+          "not reproduced": "#b42318", "no": "#b42318"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -33,13 +48,22 @@ class Claim:
     ours : str
         Our value with its unit and spread.
     verdict : str
-        "reproduced", "reproduced in direction", "not reproduced" or "undecided".
+        One of `Verdict`.
     why : str
         The rule of the verdict, then the most likely reason.
     item : str
         The item of the paper that it answers, a key of `items.ITEMS`; empty for a question of our own.
     factor : float or None
         Our value over the paper's, if both are one number.
+    accepted : (2,) floats or None
+        The factors between which the number counts as reproduced; needed where there is a factor.
+    order : bool
+        Whether the statement is an order or a sign, which alone can be reproduced in direction.
+
+    Raises
+    ------
+    ValueError
+        If the verdict is not one that the rules allow.
     """
 
     claim: str
@@ -49,6 +73,36 @@ class Claim:
     why: str
     item: str = ""
     factor: float | None = None
+    accepted: tuple[float, float] | None = None
+    order: bool = False
+
+    def __post_init__(self) -> None:
+        if self.item and self.verdict == "reproduced in direction" and not self.order:
+            self._refuse('only an order or a sign is reproduced "in direction"; a number is or is not: give order=True')
+        if self.factor is None:
+            return
+        if self.accepted is None:
+            self._refuse("a number needs the factors between which it is accepted: give `accepted`")
+        elif self.verdict == "reproduced" and not self.accepted[0] <= self.factor <= self.accepted[1]:
+            self._refuse(f"its factor {self.factor:.3g} is outside of {self.accepted[0]:.3g} to {self.accepted[1]:.3g}")
+
+    def _refuse(self, why: str) -> None:
+        raise ValueError(f"the claim {self.claim!r} is {self.verdict!r}: {why}")
+
+    @property
+    def place(self) -> int:
+        """Where the claim stands in the paper; questions of our own come last."""
+        return list(ITEMS).index(self.item) if self.item else len(ITEMS)
+
+    @property
+    def stated(self) -> str:
+        """The factor as text; empty if there is none."""
+        return "" if self.factor is None else f"{self.factor:.2g}"
+
+    @property
+    def interval(self) -> str:
+        """Between which factors the number is accepted; empty if there is none."""
+        return "" if self.accepted is None else f"{self.accepted[0]:.2g} to {self.accepted[1]:.2g}"
 
     @property
     def word(self) -> str:
@@ -75,17 +129,47 @@ def format_claims(claims: Iterable[Claim]) -> str:
     return "\n\n".join(map(_text, claims))
 
 
+@dataclass(frozen=True)
+class ClaimTable:
+    """Claims in the paper's order, ours last: a small table in a notebook, text elsewhere."""
+
+    claims: Iterable[Claim]
+
+    def _repr_html_(self) -> str:
+        rows = [[escape(text) for text in ("Item", "Statement", "Paper", "Here", "Factor (accepted)", "Verdict")]]
+        for claim in sorted(self.claims, key=lambda claim: claim.place):
+            color = SHADES.get(claim.word, "inherit")
+            measure = f"{claim.stated} ({claim.interval})" if claim.interval else ""
+            rows.append([
+                escape(claim.item or "own"),
+                f"{escape(claim.claim)}<details><summary>rule and reason</summary>{escape(claim.why)}</details>",
+                *map(escape, (claim.paper, claim.ours, measure)),
+                f'<b style="color: {color}">{escape(claim.word)}</b>',
+            ])  # fmt: skip
+        cell = '<{0} style="text-align: left; vertical-align: top; max-width: 24em; white-space: normal">{1}</{0}>'
+        lines = ("".join(cell.format("td" if k else "th", text) for text in row) for k, row in enumerate(rows))
+        return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
+
+    def __repr__(self) -> str:
+        return format_claims(self.claims)
+
+
 def _text(claim: Claim) -> str:
     lines = [f"{claim.item}: {claim.claim}" if claim.item else claim.claim]
     if claim.item:
         lines.append(f"  paper: {claim.paper or 'no number'}")
-    factor = "" if claim.factor is None else f" (factor {claim.factor:.2g})"
+    factor = f" (factor {claim.stated}; accepted {claim.interval})" if claim.interval else ""
     lines += [f"  ours:  {claim.ours}{factor}", f"  {claim.word.upper()}"]
     return "\n".join([*lines, fill(claim.why, 110, initial_indent="  ", subsequent_indent="  ")])
 
 
+def within(factor: float) -> tuple[float, float]:
+    """Return the factors between which a number is accepted: up to `factor` times less or more."""
+    return 1.0 / factor, factor
+
+
 def classify(same: bool | np.bool, alike: bool | np.bool = False, enough: bool = True) -> Verdict:
-    """Return the verdict: the same figure, at least the same direction, or neither; undecided without `enough` runs."""
+    """Return the verdict: as the paper says, an order that holds otherwise, or neither; undecided without `enough`."""
     if not enough:
         return "undecided"
     return "reproduced" if same else "reproduced in direction" if alike else "not reproduced"

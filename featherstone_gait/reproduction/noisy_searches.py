@@ -37,7 +37,7 @@ from ..view.style import look
 from ..walking.cheapest_plan import States
 from ..walking.cost import WalkingCost
 from ..walking.gait import bounds
-from .claim import Claim, classify
+from .claim import Claim, classify, within
 from .common import SERVO_COLORS, in_threads, subplots
 from .gait_optimization import PAPER_CONVERGED, PAPER_COST, PAPER_ITERATIONS, PAPER_OLD, PAPER_STEP, evaluate, measure
 from .sources import PACKAGE, digest
@@ -301,7 +301,7 @@ def _number(
         f"is {100.0 * NOISE['mipsd']:g} % of the cost; figures are of the gaits themselves, without it."
     )
     verdict = classify(same and 1.0 / FACTOR < factor < FACTOR, enough=_enough(result))
-    return Claim(claim, f"{paper:{form}}", _spread(ours, form), verdict, why, item, factor)
+    return Claim(claim, f"{paper:{form}}", _spread(ours, form), verdict, why, item, factor, within(FACTOR))
 
 
 def _faster(result: NoisyResult) -> Claim:
@@ -318,7 +318,8 @@ def _faster(result: NoisyResult) -> Claim:
     later = _later(result, OURS) < SIGNIFICANT
     verdict = classify(later and paper / FACTOR < old / new < paper * FACTOR, later, _enough(result))
     claim = "The older model needs more iterations, with the paper's scatter in the costs"
-    return Claim(claim, f"{paper:.2f} times", f"{old / new:.2f} times", verdict, why, "Fig. 16", old / new / paper)
+    number, ours, factor = f"{paper:.2f} times", f"{old / new:.2f} times", old / new / paper
+    return Claim(claim, number, ours, verdict, why, "Fig. 16", factor, within(FACTOR), order=True)
 
 
 def _later(result: NoisyResult, program: str) -> float:

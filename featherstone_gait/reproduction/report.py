@@ -1,4 +1,4 @@
-"""One report of the experiments: the paper item by item, our own questions, then each experiment.
+"""One report of the experiments: the paper's claims in its order, our own questions, then each experiment.
 
 `reproduce` runs what is not finished yet and writes, in one folder, reproduction.html (one file, opens anywhere),
 reproduction.md with its pictures, reproduction.csv with all claims, and for each finished experiment a file of its
@@ -31,7 +31,7 @@ from .. import __version__
 from ..base.files import FilePath, Format, complete, write_csv
 from ..base.progress import progress_bar
 from . import EXPERIMENTS
-from .claim import Claim, Verdict
+from .claim import NO_CURVE, Claim, Verdict
 from .items import ITEMS
 from .narrow import stack
 from .sources import digest
@@ -44,12 +44,12 @@ PAPER = (
     'Model", International Journal of Advanced Robotic Systems 10 (2013), doi 10.5772/54766'
 )
 FORMAT = Format("experiment", 3)
-TABLE = Format("reproduction")
-TABLE_COLUMNS = ("experiment", "item", "claim", "paper", "here", "factor", "verdict")
-IMPLEMENTED = "implemented"  # what is said of an item that states no result
+TABLE = Format("reproduction", 3)
+TABLE_COLUMNS = ("experiment", "item", "claim", "paper", "here", "factor", "accepted", "verdict")
 LABELLED = ("paper", "here", "factor")
 PAPER_ONLY = ("item", "paper", "factor")
-COLUMNS = ("Item", "Statement", "Paper", "Here", "Factor", "Verdict", "Why and where")
+COLUMNS = ("Item", "Statement", "Paper", "Here", "Factor (accepted)", "Verdict", "Why and where")
+PARTS = ("Item", "What it is", "What is here", "File and test")
 OWN_COLUMNS = ("Question", "Here", "Answer", "Why and where")
 DOTS_PER_INCH = 150  # of pictures
 SHOWN_PER_INCH = 105  # CSS pixels, on a page that is wide enough
@@ -246,16 +246,9 @@ def write_report(folder: Path, entries: Sequence[Entry], full: bool, seed: int) 
 
 
 def _table(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
-    """Return each claim as plain text."""
-    return [
-        (entry.name, claim.item, claim.claim, claim.paper, claim.ours, _factor(claim), claim.word)
-        for entry in entries
-        for claim in entry.claims
-    ]
-
-
-def _factor(claim: Claim) -> str:
-    return "" if claim.factor is None else f"{claim.factor:.2g}"
+    """Return each claim as plain text, in the paper's order; our own questions are last."""
+    found = sorted(((entry.name, c) for entry in entries for c in entry.claims), key=lambda pair: pair[1].place)
+    return [(name, c.item, c.claim, c.paper, c.ours, c.stated, c.interval, c.word) for name, c in found]
 
 
 def _note(facts: list[tuple[str, str]]) -> str:
@@ -294,40 +287,40 @@ class ReportRow(NamedTuple):
     paper: str
     here: str
     factor: str
+    accepted: str
     verdict: str
     why: str
     where: str  # experiment, or file
 
 
 def _paper_rows(entries: Sequence[Entry]) -> list[ReportRow]:
-    """Return a row for each item in the paper's order, then one for each failed experiment."""
+    """Return a row for each result that the paper states, in its order, then one for each failed experiment."""
     rows = []
     for key, item in ITEMS.items():
-        claims = [(entry.name, claim) for entry in entries for claim in entry.claims if claim.item == key]
-        if item.here:
-            rows.append(ReportRow(key, item.title, "", item.here, "", IMPLEMENTED, item.test, item.module))
-        elif not claims:
-            rows.append(ReportRow(key, item.title, "", "", "", "not run yet", "", ""))
-        for name, claim in claims:
-            statement = f"{item.title}. {claim.claim}"
-            rows.append(ReportRow(key, statement, claim.paper, claim.ours, _factor(claim), claim.word, claim.why, name))
-    return rows + [ReportRow("", e.title, "", "", "", "failed", e.failure, e.name) for e in entries if e.failure]
+        found = [_row(entry.name, c, f"{item.title}. ") for entry in entries for c in entry.claims if c.item == key]
+        waits = [ReportRow(key, item.title, "", "", "", "", "not run yet", "", "")] if not (found or item.here) else []
+        rows += found + waits
+    return rows + [ReportRow("", e.title, "", "", "", "", "failed", e.failure, e.name) for e in entries if e.failure]
 
 
 def _own_rows(entries: Sequence[Entry]) -> list[ReportRow]:
     """Return the rows of our own questions."""
-    return [
-        ReportRow("", claim.claim, "", claim.ours, "", claim.word, claim.why, entry.name)
-        for entry in entries
-        for claim in entry.claims
-        if not claim.item
-    ]
+    return [_row(entry.name, claim) for entry in entries for claim in entry.claims if not claim.item]
+
+
+def _row(name: str, c: Claim, title: str = "") -> ReportRow:
+    return ReportRow(c.item, title + c.claim, c.paper, c.ours, c.stated, c.interval, c.word, c.why, name)
+
+
+def _parts() -> list[tuple[str, str, str, str]]:
+    """Return item, title, what is here, and file and test of the paper's models, methods and scenes."""
+    return [(key, x.title, x.here, f"{x.module} {x.test}".strip()) for key, x in ITEMS.items() if x.here]
 
 
 # ---------------------------------------------------------------------------------------------- HTML
 
-SHADES = {"reproduced": "yes", "yes": "yes", IMPLEMENTED: "soft", "reproduced in direction": "part", "in part": "part",
-          "undecided": "soft", "not run yet": "soft"}  # fmt: skip
+SHADES = {"reproduced": "yes", "yes": "yes", "reproduced in direction": "part", "in part": "part",
+          "undecided": "soft", "not run yet": "soft", NO_CURVE: "soft"}  # fmt: skip
 
 
 def _html(entries: Sequence[Entry], facts: list[tuple[str, str]], files: Path) -> str:
@@ -337,6 +330,7 @@ def _html(entries: Sequence[Entry], facts: list[tuple[str, str]], files: Path) -
         facts="".join(f"<tr><th>{e(name)}</th><td>{e(text)}</td></tr>" for name, text in facts),
         items=_html_table(COLUMNS, _paper_rows(entries)),
         questions=_html_table(OWN_COLUMNS, _own_rows(entries)),
+        parts=_html_parts(),
         sections="".join(_html_section(entry, files) for entry in entries if entry.finished or entry.failure),
     )
 
@@ -349,17 +343,24 @@ def _html_table(columns: Sequence[str], rows: Sequence[ReportRow]) -> str:
     )
 
 
+def _html_parts() -> str:
+    """Return the table of the paper's models, methods and scenes."""
+    head = "".join(f"<th>{name}</th>" for name in PARTS)
+    rows = []
+    for row in _parts():
+        *cells, files = map(html.escape, row)
+        breaks = re.sub("([_/ ])", r"\1<wbr>", files)
+        rows.append(f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}<td><code>{breaks}</code></td></tr>")
+    return f'<table class="claims"><tbody><tr class="head">{head}</tr>{"".join(rows)}</tbody></table>'
+
+
 def _html_row(row: ReportRow, columns: Sequence[str]) -> str:
     e = html.escape
-    if row.verdict == IMPLEMENTED:
-        breaks = (re.sub("([_/])", r"\1<wbr>", e(text)) for text in (row.where, row.why) if text)
-        why = "<br>".join(f"<code>{text}</code>" for text in breaks)
-    else:
-        link = f'<a href="#{e(row.where)}">{e(row.where)}</a>' if row.where else ""
-        why = (f"<details><summary>why</summary>{e(row.why)}</details>" if row.why else "") + link
+    link = f'<a href="#{e(row.where)}">{e(row.where)}</a>' if row.where else ""
+    why = (f"<details><summary>why</summary>{e(row.why)}</details>" if row.why else "") + link
     cells = {
         "item": e(row.item), "statement": e(row.statement), "paper": e(row.paper), "here": e(row.here),
-        "factor": _gauge(row.factor),
+        "factor": _gauge(row.factor, row.accepted),
         "verdict": f'<span class="{SHADES.get(row.verdict, "no")}">{e(row.verdict)}</span>',
         "why": why,
     }  # fmt: skip
@@ -370,12 +371,18 @@ def _html_row(row: ReportRow, columns: Sequence[str]) -> str:
     return f"<tr>{''.join(f'{tag}{x}</td>' for tag, x in zip(tags, shown.values()))}</tr>\n"
 
 
-def _gauge(factor: str) -> str:
-    """Return the factor, and its place on a logarithmic scale from 1/100 to 100 with a line at the paper's."""
-    if not factor or float(factor) <= 0.0:
+def _gauge(factor: str, accepted: str) -> str:
+    """Return the factor and between which factors it is accepted, as text and on a logarithmic scale, 1/100 to 100."""
+    if not factor or float(factor) <= 0.0 or not accepted:
         return factor
-    place = 50.0 + 25.0 * min(2.0, max(-2.0, math.log10(float(factor))))
-    return f'{factor}<span class="gauge" aria-hidden="true"><i style="left: {place:.0f}%"></i></span>'
+    left, right = (_place(float(x)) for x in accepted.split(" to "))
+    band = f'<b style="left: {left:.0f}%; width: {right - left:.0f}%"></b>'
+    dot = f'<i style="left: {_place(float(factor)):.0f}%"></i>'
+    return f'{factor} ({accepted})<span class="gauge" aria-hidden="true">{band}{dot}</span>'
+
+
+def _place(factor: float) -> float:
+    return 50.0 + 25.0 * min(2.0, max(-2.0, math.log10(factor)))
 
 
 def _html_section(entry: Entry, files: Path) -> str:
@@ -427,9 +434,10 @@ def _markdown(entries: Sequence[Entry], facts: list[tuple[str, str]], files: str
     lines = ["# The paper, reproduced", "", _plain_text(PAPER), ""]
     lines += [f"- {name}: {_plain_text(text)}" for name, text in facts]
     items = [_with_place(row) for row in _paper_rows(entries)]
-    lines += ["", "## The paper, item by item", "", *_markdown_table(COLUMNS, items)]
+    lines += ["", "## What the paper claims", "", *_markdown_table(COLUMNS, items)]
     own = [[row.statement, row.here, row.verdict, _with_place(row)[-1]] for row in _own_rows(entries)]
-    lines += ["", "## Further questions", "", *_markdown_table(OWN_COLUMNS, own)]
+    lines += ["", "## Our own questions", "", *_markdown_table(OWN_COLUMNS, own)]
+    lines += ["", "## Models, methods and scenes of the paper", "", *_markdown_table(PARTS, _parts())]
     for entry in entries:
         if entry.finished or entry.failure:
             lines += _markdown_section(entry, files)
@@ -437,7 +445,8 @@ def _markdown(entries: Sequence[Entry], facts: list[tuple[str, str]], files: str
 
 
 def _with_place(row: ReportRow) -> tuple[str, ...]:
-    return (*row[:-2], f"{row.why} ({row.where})" if row.where else row.why)
+    factor = f"{row.factor} ({row.accepted})" if row.accepted else row.factor
+    return (*row[:4], factor, row.verdict, f"{row.why} ({row.where})" if row.where else row.why)
 
 
 def _markdown_section(entry: Entry, files: str) -> list[str]:

@@ -29,8 +29,8 @@ from ..scene.compile import GearboxKind, compile_scene
 from ..scene.tree import GRAVITY
 from ..view.style import COLORS as CYCLE
 from ..view.style import look
-from .claim import Claim, classify, plus_minus
-from .common import ENCODER_STEP, SERVO_COLORS, subplots
+from .claim import NO_CURVE, Claim, classify, plus_minus, question
+from .common import ENCODER_STEP, RECORDING, SERVO_COLORS, subplots
 
 MARGIN = 1 * ENCODER_STEP  # compliance margin: no output within it [rad], [manual]
 SLOPE = 32 * ENCODER_STEP  # compliance slope: error over which the output rises to full [rad], [manual]
@@ -174,61 +174,79 @@ def step_to(angle: float) -> Reference:
 
 def check(result: ServoStepResult) -> list[Claim]:
     """Return the claims of section 2.2 and of section 3 about the step."""
-    return [_speed_claim(result), _torque_claim(result), _error_claim(result), _gearbox_claim(result)]
+    claims = (_step_claim, _torque_claim, _gearbox_claim, _no_load_claim, _speed_claim, _error_claim)
+    return [claim(result) for claim in claims]
+
+
+def _step_claim(result: ServoStepResult) -> Claim:
+    """Return the claim; the paper shows the measured curve as a picture only, so that none can be compared with."""
+    rises = (result.gearboxes[kind].stated("rise", 1e3, ".0f") for kind in ("standard", "mipsd"))
+    return Claim(
+        claim="Model and real servo agree in a step",
+        item="Fig. 4",
+        paper="curves coincide",
+        ours="rise {} ms standard, {} ms MIPSD".format(*rises),
+        verdict=NO_CURVE,
+        why="The measured curve is a picture without its numbers; size of the step, load, supply and gains are not "
+        f"stated. {RECORDING} What the manual of the AX-12 bounds is asked below, as questions of our own",
+    )
+
+
+def _no_load_claim(result: ServoStepResult) -> Claim:
+    """Return the answer: yes if the no-load speed is the manual's within the tolerance at every supply."""
+    off = {volts: speed / (NO_LOAD * volts) - 1.0 for volts, speed in result.no_load.items()}
+    return question(
+        claim="The model turns as fast as the AX-12's manual says, without load",
+        ours=f"{result.no_load[12.0]:.2f} rad/s at 12 V, the manual {12 * NO_LOAD:.2f} ({off[12.0]:+.1%})",
+        verdict=classify(max(map(abs, off.values())) < TOLERANCE),
+        why=f"Rule: within {TOLERANCE:.0%} of the manual's, which is taken in proportion to the supply, at "
+        f"{', '.join(f'{volts:g}' for volts in off)} V: off by {min(off.values()):+.1%} to {max(off.values()):+.1%}",
+    )
 
 
 def _speed_claim(result: ServoStepResult) -> Claim:
-    """Return the claim: reproduced if the no-load speed is the manual's within the tolerance at every supply."""
-    off = {volts: speed / (NO_LOAD * volts) - 1.0 for volts, speed in result.no_load.items()}
-    worst = max(off.values(), key=abs)
-    standard, mipsd = (result.gearboxes[kind].stated("speed", 1.0, ".2f") for kind in ("standard", "mipsd"))
-    same = abs(worst) < TOLERANCE
-    return Claim(
-        claim="Model and real servo agree in a step: speed",
-        item="Fig. 4",
-        factor=result.no_load[12.0] / (12.0 * NO_LOAD),
-        paper=f"curves coincide; the AX-12's manual: {12 * NO_LOAD:.2f} rad/s without load at 12 V",
-        ours=f"{result.no_load[12.0]:.2f} rad/s at 12 V ({off[12.0]:+.1%}); largest speed in the step at 10 V "
-        f"{standard} rad/s standard, {mipsd} rad/s MIPSD",
-        verdict=classify(same),
-        why=f"Rule: no-load speed within {TOLERANCE:.0%} of the manual's, which is taken in proportion to the supply, "
-        f"at {', '.join(f'{volts:g}' for volts in off)} V: off by {min(off.values()):+.1%} to "
-        f"{max(off.values()):+.1%}. Without rotor inertia the speed overshoots this limit for some milliseconds: the "
+    """Return the answer: yes if no gearbox exceeds the manual's no-load speed by more than the tolerance in a step."""
+    limit, steps = 10.0 * NO_LOAD, [result.gearboxes[kind] for kind in ("standard", "mipsd")]
+    standard, mipsd = (step.stated("speed", 1.0, ".2f") for step in steps)
+    return question(
+        claim="In a step the model keeps to the speed that the AX-12's manual allows",
+        ours=f"at most {standard} rad/s standard, {mipsd} rad/s MIPSD, the manual {limit:.2f} at 10 V",
+        verdict=classify(all(step.speed < (1.0 + TOLERANCE) * limit for step in steps)),
+        why=f"Rule: with neither gearbox more than {TOLERANCE:.0%} above the manual's no-load speed. Without rotor "
+        "inertia the speed overshoots this limit for some milliseconds: the "
         f"time constants of current and forearm on the back-EMF are 0.6 and 0.7 ms. {ERROR}",
     )
 
 
 def _torque_claim(result: ServoStepResult) -> Claim:
-    """Return the claim: reproduced if the stall torque is right at both supplies, in direction if at one."""
+    """Return the claim: reproduced if the stall torque is right at both supplies."""
     stall = result.stall
     off = {volts: torque / STALL[volts] - 1.0 for volts, torque in stall.items()}
-    good = [volts for volts, x in off.items() if abs(x) < TOLERANCE]
-    verdict = classify(len(good) == len(off), bool(good))
     return Claim(
         claim="With these constants the servo is as strong as the real one",
         item="Table 2",
         factor=stall[12.0] / STALL[12.0],
         paper=f"published stall torque: {STALL[10.0]:.2f} N m at 10 V, 0.9 A; {STALL[12.0]:.2f} N m at 12 V, 1.5 A",
         ours=", ".join(f"{torque:.2f} N m at {volts:g} V ({off[volts]:+.0%})" for volts, torque in stall.items()),
-        verdict=verdict,
-        why=f"Rule: within {TOLERANCE:.0%} at both supplies; in direction at one. At 10 V the current limit of 0.9 A "
+        accepted=(1.0 - TOLERANCE, 1.0 + TOLERANCE),
+        verdict=classify(max(map(abs, off.values())) < TOLERANCE),
+        why=f"Rule: within {TOLERANCE:.0%} at both supplies. At 10 V the current limit of 0.9 A "
         "bounds the torque. Table 2 gives 1.73 N m/A at the output, the manual's figures for 12 V give 1.00 N m/A: the "
         "model lacks the losses of the gearbox under load (efficiency 0.58). A step of a light arm does not show them",
     )
 
 
 def _error_claim(result: ServoStepResult) -> Claim:
-    """Return the claim: reproduced if the final error is that of the compliance law within an encoder count."""
+    """Return the answer: yes if the final error is that of the compliance law within an encoder count."""
     ours = result.gearboxes["standard"].error
     standard, mipsd = (result.gearboxes[kind].stated("error", DEGREES, ".3f") for kind in ("standard", "mipsd"))
     linear = -result.load / result.stiffness
     real = -_compliance_error(result)
     same = abs(ours - real) < ENCODER_STEP
-    return Claim(
-        claim="Model and real servo agree in a step: final angle",
-        item="Fig. 4",
-        paper=f"compliance law of the manual under this load: up to {math.degrees(real):.2f} deg",
-        ours=f"{standard} deg (MIPSD {mipsd} deg); load by stiffness {math.degrees(linear):.3f} deg",
+    return question(
+        claim="A step ends where the compliance law of the AX-12's manual lets it",
+        ours=f"{standard} deg (MIPSD {mipsd} deg); load by stiffness {math.degrees(linear):.3f} deg; the manual's law "
+        f"up to {math.degrees(real):.2f} deg",
         verdict=classify(same),
         why=f"Rule: the difference is less than one count of the encoder. It is {math.degrees(abs(ours - real)):.2f} "
         f"deg, one count {math.degrees(ENCODER_STEP):.2f} deg. The paper's controller is linear; the real one outputs "
@@ -263,7 +281,7 @@ def _gearbox_claim(result: ServoStepResult) -> Claim:
         ours=f"rise {standard.stated('rise', 1e3, '.0f')} ms standard, {mipsd.stated('rise', 1e3, '.0f')} ms MIPSD "
         f"({longer:+.0%}); overshoot {standard.stated('overshoot', percent, '.1f')} and "
         f"{mipsd.stated('overshoot', percent, '.1f')} %",
-        verdict=classify(same, abs(longer) < TOLERANCE),
+        verdict=classify(same),
         why=f"Rule: rise time and overshoot within {TOLERANCE:.0%}. Both depend on the rotor inertia, which the paper "
         f"does not give (rise, overshoot): {by_inertia}. {ERROR}",
     )

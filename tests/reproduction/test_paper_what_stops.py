@@ -59,11 +59,20 @@ def test_the_cheapest_plan_leaves_less_to_gain_if_it_does_in_each_pair():
     assert verdicts(ended(PLAIN, -0.6, 1.0))[1] == "undecided"
 
 
+def test_the_papers_pair_of_figures_is_reproduced_at_the_documented_step_or_not_at_all():
+    documented = Condition(PAPERS, "mipsd")
+    assert verdicts(ended(documented, -0.12, 0.10))[2] == "reproduced"
+    assert verdicts(ended(documented, -0.4, 0.3), ended(MIPSD, -0.12, 0.10))[2] == "not reproduced"
+    assert verdicts(ended(MIPSD, -0.12, 0.10))[2] == "undecided"
+
+
 def test_the_older_model_is_later_only_where_searches_are_as_long_as_the_paper_s():
-    both = ended(STANDARD, -0.1, 0.1, converged=2700), ended(MIPSD, -0.3, 0.3, converged=900)
+    coarse = ended(STANDARD, -0.1, 0.1, converged=2700), ended(MIPSD, -0.3, 0.3, converged=900)
+    both = tuple(ended(replace(s.row.condition, step=1e-3), -0.1, 0.1, converged=s.row.converged) for s in coarse)
     assert verdicts(*both)[3] == "undecided"
     assert verdicts(*both, iterations=3000)[3] == "reproduced"
-    sooner = ended(STANDARD, -0.1, 0.1, converged=400), both[1]
+    assert verdicts(*coarse, iterations=3000)[3] == "reproduced in direction"  # not at the documented step
+    sooner = ended(STANDARD, -0.1, 0.1, converged=400), coarse[1]
     assert verdicts(*sooner, iterations=3000)[3] == "not reproduced"
 
 

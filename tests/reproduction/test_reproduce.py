@@ -13,8 +13,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from featherstone_gait import cli
-from featherstone_gait.reproduction import EXPERIMENTS, Claim, report, sources
-from featherstone_gait.reproduction.claim import classify, plus_minus
+from featherstone_gait.reproduction import EXPERIMENTS, Claim, ClaimTable, format_claims, report, sources
+from featherstone_gait.reproduction.claim import classify, plus_minus, within
 from featherstone_gait.reproduction.items import ITEMS
 from featherstone_gait.reproduction.narrow import WIDTH, stack
 
@@ -45,7 +45,7 @@ def stand_in(name, calls, fails=None):
 
     module.run, module.plot = run, plot
     module.check = lambda result: [
-        Claim(NASTY, "1 m", f"{result} | 2 m", "reproduced", "because\nof x", "Fig. 9", 0.5),
+        Claim(NASTY, "1 m", f"{result} | 2 m", "reproduced", "because\nof x", "Fig. 9", 0.5, (0.4, 2.5)),
         Claim("Is it so?", "", "no", "not reproduced", "because of y"),
     ]
     module.animate = lambda result: {"it moves": "<p>page & script</p>"}
@@ -145,9 +145,9 @@ def test_panels_side_by_side_are_stacked_for_a_telephone():
 
 
 def test_the_gauge_shows_the_factor_on_a_logarithmic_scale():
-    assert report._gauge("") == ""
+    assert report._gauge("", "") == ""
     for factor, place in (("1", 50), ("10", 75), ("0.01", 0), ("1e+05", 100)):
-        assert f"left: {place}%" in report._gauge(factor)
+        assert f"left: {place}%" in report._gauge(factor, "0.5 to 2")
 
 
 @pytest.mark.parametrize("damage", ["", "{", "[]", '{"key": 1}'])
@@ -261,6 +261,36 @@ def test_claims_name_items_of_the_paper_and_no_others():
     for name in EXPERIMENTS:
         source = (ROOT / f"featherstone_gait/reproduction/{name}.py").read_text("utf-8")
         assert set(re.findall(r'"((?:Fig\.|Table|Eq\.|Section) \d+)"', source)) <= set(ITEMS)
+
+
+def test_a_number_is_reproduced_or_not_and_only_an_order_in_direction():
+    number = {"claim": "a", "paper": "1", "ours": "2", "why": "", "item": "Fig. 9"}
+    for wrong in (
+        {"verdict": "reproduced in direction"},
+        {"verdict": "reproduced in direction", "factor": 2.0, "accepted": (0.5, 2.0)},
+        {"verdict": "not reproduced", "factor": 2.0},  # no interval
+        {"verdict": "reproduced", "factor": 2.1, "accepted": (0.5, 2.0)},
+    ):
+        with pytest.raises(ValueError, match="'a'"):
+            Claim(**number, **wrong)
+    assert Claim(**number, verdict="reproduced", factor=2.0, accepted=within(2.0)).interval == "0.5 to 2"
+    assert Claim(**number, verdict="reproduced in direction", order=True).word == "reproduced in direction"
+
+
+def test_a_notebook_shows_claims_as_a_table_in_the_papers_order():
+    claims = [
+        Claim("<own>", "", "1", "reproduced", ""),
+        Claim("b", "1", "1", "not reproduced", "x & y", "Table 3"),
+        Claim("a", "1", "1", "reproduced", "", "Fig. 9", 1.0, (0.5, 2.0)),
+    ]
+    text = ClaimTable(claims)._repr_html_()
+    tags = Tags()
+    tags.feed(text)
+    assert tags.open == []
+    assert text.index("Fig. 9") < text.index("Table 3") < text.index("&lt;own&gt;")
+    assert "1 (0.5 to 2)" in text
+    assert "x &amp; y" in text
+    assert str(ClaimTable(claims)) == format_claims(claims)
 
 
 def test_the_rules_of_verdicts_and_of_errors():
