@@ -26,6 +26,7 @@ from .dynamics.inverse_kinematics import Target as Target
 from .dynamics.inverse_kinematics import inverse_kinematics as inverse_kinematics
 from .dynamics.jacobians import center_of_mass_jacobian as center_of_mass_jacobian
 from .dynamics.jacobians import jacobian as jacobian
+from .geometry.body import body as body
 from .geometry.contact_choice import contact_points as contact_points
 from .geometry.contact_choice import with_contacts as with_contacts
 from .geometry.distance import Clearance as Clearance
@@ -43,6 +44,8 @@ from .model import Servo as Servo
 from .model import Spring as Spring
 from .model import Supply as Supply
 from .model import stairs as stairs
+from .model.placed import Placed as Placed
+from .model.placed import SceneModel as SceneModel
 from .model.rest_posture import nearest_posture as nearest_posture
 from .model.shapes import Box as Box
 from .model.shapes import Capsule as Capsule

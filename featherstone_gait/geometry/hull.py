@@ -85,6 +85,18 @@ def sides(x: np.ndarray) -> Sides:
     return Sides(_once(np.vstack([across, -across])), _once(edges))
 
 
+def hull_triangles(x: np.ndarray) -> np.ndarray:
+    """Return the triangles (n, 3) of the convex hull of points (m, 3), in an order that depends on the points alone.
+
+    None of points that lie in a plane.
+    """
+    from scipy.spatial import ConvexHull
+
+    if _flattened(x).shape[1] < 3:
+        return np.zeros((0, 3), int)
+    return np.unique(np.sort(ConvexHull(x).simplices, axis=1), axis=0)
+
+
 def _either_way(directions: np.ndarray) -> np.ndarray:
     """Scale directions (n, 3) to unit length with a positive first nonzero part; drop those of length 0."""
     length = np.sqrt(total(directions * directions))

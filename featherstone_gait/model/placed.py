@@ -1,0 +1,217 @@
+"""What is in a scene before it is compiled: models at their places, obstacles, ground and gravity."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from ..base.arguments import instance, listed, shown, texts, truth
+from ..base.brief import brief, clipped
+from ..base.flaws import quoted
+from .checks import check, freeze, name_flaws, vector_flaws
+from .ground import Ground
+from .links import Vector
+from .robot import Model
+
+SEPARATOR = "/"  # between the names of a model and of its link or joint
+OF_SCENE = "scene"  # the gearbox that is given to compile_scene
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A model at its place in a scene.
+
+    Links and joints are called "name/link" and "name/joint" there.
+
+    Attributes
+    ----------
+    model : Model
+        The robot, or an object without joints (see `body`).
+    name : str
+        Name in the scene, without "/"; empty: that of the model.
+    position : tuple of float
+        Origin of the root link's frame in the world [m]: of a fixed base for good, of a floating one where it starts.
+    orientation : tuple of float
+        Orientation of the root link in the world, a quaternion w x y z of any length above 0; it is kept normalized.
+    gearbox : str or None
+        Model of its gearboxes, None for no servos; "scene": that given to `compile_scene`.
+    ground_contact : bool
+        Whether its contact points touch the ground of the scene.
+
+    Raises
+    ------
+    ValueError
+        For a name, place or orientation out of range.
+    TypeError
+        For a model, gearbox or ground_contact of another type.
+    """
+
+    model: Model
+    name: str = ""
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    gearbox: str | None = OF_SCENE
+    ground_contact: bool = True
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        instance("placed: model", self.model, Model, "give a Model, as load_robot and body return it")
+        instance("placed: name", self.name, str, "give a text")
+        if not self.name:
+            object.__setattr__(self, "name", self.model.name)
+        what = f"placed model {self.name!r}"
+        check(name_flaws("placed model's", self.name))
+        if SEPARATOR in self.name:
+            raise ValueError(f"{what}: its name has {SEPARATOR!r}, which divides it from its links': give another name")
+        check(vector_flaws(what, "position", self.position, 3), vector_flaws(what, "orientation", self.orientation, 4))
+        if self.gearbox is not None:
+            instance(f"{what}: gearbox", self.gearbox, str, "give a kind of gearbox, None, or 'scene'")
+        truth(f"{what}: ground_contact", self.ground_contact)
+        object.__setattr__(self, "position", tuple(map(float, self.position)))
+        self._normalize(what)
+
+    def _normalize(self, what: str) -> None:
+        """Scale the orientation to unit length; a unit one keeps its bits."""
+        object.__setattr__(self, "orientation", tuple(map(float, self.orientation)))
+        size = max(map(abs, self.orientation))
+        if not size > 0:
+            raise ValueError(f"{what}: orientation {self.orientation!r} has no length; give (1, 0, 0, 0) for none")
+        w, x, y, z = (part / size for part in self.orientation)
+        length = math.sqrt(w * w + x * x + y * y + z * z)
+        if size * length != 1.0:
+            object.__setattr__(self, "orientation", (w / length, x / length, y / length, z / length))
+
+
+@dataclass(frozen=True, eq=False)
+class SceneModel:
+    """What is in a scene, before it is compiled.
+
+    Attributes
+    ----------
+    name : str
+        Name of the scene.
+    members : tuple of Placed
+        Robots and free objects: all that can move.
+    obstacles : tuple of Placed
+        Shapes that never move: models of one link with a fixed base.
+    ground : Ground or None
+        The ground.
+    gravity : tuple of float or None
+        Gravity (3,) in world axes [m/s^2]; None: the default of `compile_scene`.
+    excluded : tuple of (str, str)
+        Pairs of links, "name/link", that do not touch each other.
+    notes : tuple of str
+        What the reader of the file skipped or assumed, one sentence each; notes on a member are in its model.
+    source : str
+        File from which the scene was read.
+
+    Raises
+    ------
+    ValueError
+        If the parts do not fit together; the message names the element, its value, what is allowed and a remedy.
+    TypeError
+        For parts of another type.
+    """
+
+    name: str
+    members: tuple[Placed, ...]
+    obstacles: tuple[Placed, ...] = ()
+    ground: Ground | None = None
+    gravity: Vector | None = None
+    excluded: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
+    source: str = ""
+
+    def __repr__(self) -> str:
+        named = [f"{len(self.members)} members ({quoted(m.name for m in self.members)})"] if self.members else []
+        named += [f"{len(self.obstacles)} obstacles"] if self.obstacles else []
+        ground = "no ground" if self.ground is None else f"ground of friction {self.ground.friction:g}"
+        return f"<scene model {clipped(self.name)}: {', '.join([*named, ground])}>"
+
+    def __post_init__(self) -> None:
+        check(name_flaws("scene", self.name))
+        for field, remedy in (("members", "give a list of Placed"), ("obstacles", "give a list of Placed")):
+            parts = tuple(listed(f"scene: {field}", getattr(self, field), remedy))
+            for part in parts:
+                instance(f"scene: {field}", part, Placed, "put the model at its place: Placed(model, position=...)")
+            object.__setattr__(self, field, parts)
+        if self.ground is not None:
+            instance("scene: ground", self.ground, Ground, "write ground=Ground(), or None")
+        if self.gravity is not None:
+            check(vector_flaws("scene", "gravity", self.gravity, 3))
+            freeze(self, "gravity")
+        object.__setattr__(self, "notes", tuple(texts("scene: notes", self.notes, "give a list of sentences")))
+        instance("scene: source", self.source, str, "give the path of a file, or an empty text")
+        check(self._name_flaws(), *map(_obstacle_flaws, self.obstacles))
+        self._check_excluded()
+
+    def _name_flaws(self) -> Iterator[str]:
+        if not self.members:
+            yield "scene: members is empty; expected one model that can move, or more: add a Placed"
+        for name, count in Counter(placed.name for placed in (*self.members, *self.obstacles)).items():
+            if count > 1:
+                yield f"scene: {count} models are named {name!r}; names are unique: give Placed(..., name=...)"
+
+    def _check_excluded(self) -> None:
+        remedy = 'give pairs such as ("name/link", "name/link")'
+        known = {link_name(placed.name, link.name) for placed in self.all for link in placed.model.links}
+        pairs = []
+        for pair in listed("scene: excluded", self.excluded, remedy):
+            one, two, *more = [*texts("scene: excluded", pair, remedy), "", ""]
+            if more != ["", ""]:
+                raise ValueError(f"scene: excluded has {shown(pair)}; expected two links: {remedy}")
+            if unknown := [link for link in (one, two) if link not in known]:
+                raise ValueError(
+                    f"scene: excluded names {unknown[0]!r}, which is no link of the scene; expected one of "
+                    f"{quoted(sorted(known))}: correct it"
+                )
+            pairs.append((one, two))
+        object.__setattr__(self, "excluded", tuple(pairs))
+
+    @property
+    def all(self) -> tuple[Placed, ...]:
+        """Members, then obstacles."""
+        return (*self.members, *self.obstacles)
+
+    def member(self, name: str) -> Placed:
+        """Return a member or obstacle by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name in the scene.
+
+        Returns
+        -------
+        Placed
+            The model and its place.
+
+        Raises
+        ------
+        ValueError
+            If there is no such one.
+        """
+        found = next((placed for placed in self.all if placed.name == name), None)
+        if found is None:
+            raise ValueError(
+                f"scene {self.name!r} has no member {shown(name)}; expected one of "
+                f"{quoted(placed.name for placed in self.all)}: use one of these"
+            )
+        return found
+
+
+def link_name(placed: str, link: str) -> str:
+    """Return the name in a scene of a link or joint of a placed model."""
+    return f"{placed}{SEPARATOR}{link}"
+
+
+def _obstacle_flaws(placed: Placed) -> Iterable[str]:
+    model = placed.model
+    if model.base != "fixed" or model.joints:
+        yield (
+            f"obstacle {placed.name!r} has a {model.base} base and {len(model.joints)} joints; expected a fixed one "
+            "and none: list it under members, or make it with body(..., base='fixed')"
+        )
