@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sized
 from dataclasses import dataclass
 
 from ..base.arguments import instance, listed, shown, texts, truth
@@ -33,6 +33,7 @@ class Placed:
         Name in the scene, without "/"; empty: that of the model.
     position : tuple of float
         Origin of the root link's frame in the world [m]: of a fixed base for good, of a floating one where it starts.
+        Of two numbers, x and y, a floating model starts standing on the ground there.
     orientation : tuple of float
         Orientation of the root link in the world, a quaternion w x y z of any length above 0; it is kept normalized.
     gearbox : str or None
@@ -50,7 +51,7 @@ class Placed:
 
     model: Model
     name: str = ""
-    position: Vector = (0.0, 0.0, 0.0)
+    position: tuple[float, ...] = (0.0, 0.0)
     orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     gearbox: str | None = OF_SCENE
     ground_contact: bool = True
@@ -66,7 +67,11 @@ class Placed:
         check(name_flaws("placed model's", self.name))
         if SEPARATOR in self.name:
             raise ValueError(f"{what}: its name has {SEPARATOR!r}, which divides it from its links': give another name")
-        check(vector_flaws(what, "position", self.position, 3), vector_flaws(what, "orientation", self.orientation, 4))
+        size = 2 if isinstance(self.position, Sized) and len(self.position) == 2 else 3
+        check(
+            vector_flaws(what, "position", self.position, size),
+            vector_flaws(what, "orientation", self.orientation, 4),
+        )
         if self.gearbox is not None:
             instance(f"{what}: gearbox", self.gearbox, str, "give a kind of gearbox, None, or 'scene'")
         truth(f"{what}: ground_contact", self.ground_contact)

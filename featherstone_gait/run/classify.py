@@ -6,13 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..base.rotation import dot, rotation_from_quaternion
 from ..core.effects.energies import ENERGIES, STOPS
 from ..core.effects.spring import CAUSES as SPRING_CAUSES
 from ..core.effects.stop import explicit_limit
 from ..core.integrate.adaptive import PROGRESS, STALLED
 from ..core.step import pace
 from ..core.step.context import Plan
+from ..dynamics import center_of_mass
 from ..scene.compile import CompiledScene
+from ..scene.contact import over_ground
+from ..scene.forest import shares
 from .compiled_run import CompiledRun
 from .prepare import least_step
 from .start import what_is_loose_at
@@ -51,6 +55,11 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
         "newton_passes": float(passes[0]),
         "not_converged_steps": float(passes[1]),
     }
+    if scene.members:
+        info["members"] = {
+            member.name: share | {"robot": member.model.name, "joints_of": list(member.model.joint_names)}
+            for member, share in zip(scene.members, shares(scene.members).values())
+        }
     if scene.adaptive:
         taken, rejected, evaluations = y[slice(*scene.part("step_control"))][pace.STEPS : pace.LAST]
         info |= {"rtol": run.plan.rtol, "atol": run.plan.atol}
@@ -72,7 +81,7 @@ def classify(scene: CompiledScene, end: float, y: np.ndarray) -> Outcome:
 
 def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
     name, end = scene.model.name, float(y[scene.layout["end_time"]])
-    message = f"{name} {status} at {end:.4g} s"
+    message = f"{_who_fell(scene, y) if status is Status.FELL else name} {status} at {end:.4g} s"
     if status is Status.STEP_TOO_SMALL:
         least = max(least_step(scene), PROGRESS / STALLED)
         message = f"{name}: the tolerance asks for steps below {least:.2g} s at {end:.4g} s"
@@ -93,6 +102,21 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
         joint = scene.model.joint_names[int(speeds.argmax())]
         message += f"; in the last sound state the fastest joint was {joint} at {speeds.max():.3g} rad/s or m/s"
     return Outcome(status, message, end)
+
+
+def _who_fell(scene: CompiledScene, y: np.ndarray) -> str:
+    """Return which robots of a scene have fallen."""
+    fallen = []
+    for member in scene.members:
+        alone, own = member.scene, scene.state_of(member.name, y)
+        if alone.tree.floating and alone.tree.n and alone.ground is not None:
+            view = alone.state_view(own)
+            base, q = view.base_q, np.concatenate([view.base_q, view.q])
+            upright = float(dot(rotation_from_quaternion(base[3:])[2], alone.upright))
+            height = over_ground(alone.ground, center_of_mass(alone.model, q)[None])[0]
+            if upright < alone.fall_upright or height < alone.fall_height:
+                fallen.append(member.name)
+    return ", ".join(fallen) or scene.model.name
 
 
 def beyond_stability(scene: CompiledScene) -> Outcome | None:

@@ -257,7 +257,8 @@ class CompiledRun:
         scene, constants, plan = self.scene, self.scene.constants, self.plan
         sizes = Sizes(
             n=scene.tree.n,
-            floating=scene.tree.floating,
+            bodies=len(constants.tree),
+            bases=scene.tree.bases,
             points=0 if constants.contact is None else len(constants.contact.points),
             workspace=scene.tree.workspace_shape(),
             offsets=scene.layout,
@@ -266,7 +267,7 @@ class CompiledRun:
             stiff=scene.stiff,
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(scene.layout["length"])
-        frames = zeros(sizes.workspace) if sizes.floating and sizes.points else None
+        frames = zeros(sizes.workspace) if sizes.bases and sizes.points else None
         if self.controller is not None:
             signals = signals._replace(program=self.controller.bound(scene, zeros))
         if self.of_lanes is not None:

@@ -223,7 +223,7 @@ def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[s
             limit = largest
             if name.endswith("qd"):
                 limit *= SPEED_LIMIT * max(float(np.abs(run[name]).max()), 1.0)
-            yield name, errors[name], limit, unit
+            yield name, errors[name].reshape(len(errors[name]), -1), limit, unit
     if "energy" in errors and errors["energy"].size:
         lasting = np.minimum.accumulate(errors["energy"][::-1])[::-1]
         limit = ENERGY_LIMIT * max(float(np.abs(run["energy"]).max()), LEAST_ENERGY)

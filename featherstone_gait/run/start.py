@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +21,7 @@ from ..model.composite import TOLERANCE
 from ..model.numpy_dynamics import what_is_loose
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
+from ..scene.forest import Member, state_index
 from ..scene.tree import check_followers, followed
 from .status import OF_CODE
 from .trajectory import Trajectory
@@ -30,7 +33,10 @@ SHORTEST, LONGEST = 1e-6, 1e6  # quaternion that has a direction
 
 @deprecated.keywords(beyond_limits="allow_limit_violation")
 def initial_state(
-    scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLike | None = None, allow_limit_violation: bool = False
+    scene: CompiledScene,
+    q: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    qd: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    allow_limit_violation: bool = False,
 ) -> np.ndarray:
     """Return the state of a robot at given positions and velocities.
 
@@ -42,9 +48,10 @@ def initial_state(
         A compiled scene.
     q
         Positions (nq,) [m, -, rad].  None: zero, with coupled joints where their leaders put them; a floating robot
-        over ground stands with its lowest contact point at the ground's `penetration`.
+        over ground stands with its lowest contact point at the ground's `penetration`.  Of a scene of several robots
+        and objects a dictionary, by name; each that is not named is at its place.
     qd
-        Velocities (nv,) [m/s, rad/s].  None: zero.
+        Velocities (nv,) [m/s, rad/s], or a dictionary of such.  None: zero.
     allow_limit_violation
         Allow a joint more than 0.01 rad or m beyond its limits, whose stop then throws it back.
 
@@ -60,6 +67,8 @@ def initial_state(
     """
     check_scene(scene)
     truth("allow_limit_violation", allow_limit_violation)
+    if scene.members:
+        return _of_members(scene, q, qd, allow_limit_violation)
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(o["length"])
     y[o["step_control"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
@@ -87,6 +96,38 @@ def initial_state(
     if model.base == "floating":
         view.base_q[3:] /= math.sqrt(total(q[3:7] * q[3:7]))
     return y
+
+
+def _of_members(scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bool) -> np.ndarray:
+    """Return the state of all members, each where it is told or placed."""
+    y, given = np.zeros(scene.layout["length"]), {"q": q, "qd": qd}
+    for what, values in given.items():
+        remedy = f"give a dictionary by name, {what}={{{scene.members[0].name!r}: ...}}"
+        given[what] = {} if values is None else values
+        instance(what, given[what], Mapping, remedy)
+        for name in given[what]:
+            scene.member(name)
+    for k, member in enumerate(scene.members):
+        own = given["q"].get(member.name)
+        own = placed_position(member) if own is None else own
+        one = initial_state(member.scene, own, given["qd"].get(member.name), allow_limit_violation)
+        y[state_index(scene, member)] = one
+        at = [*member.placed.position, 0.0][:3]
+        if not member.scene.tree.floating:
+            scene.state_view(y).base_q.reshape(-1, 7)[k] = *at, *member.placed.orientation
+    return y
+
+
+def placed_position(member: Member) -> np.ndarray:
+    """Return the positions (nq,) of a member at its place: a base without a height stands on the ground."""
+    model, scene, placed = member.model, member.scene, member.placed
+    joints = followed(scene.tree.coupling, np.zeros(scene.tree.n))
+    if model.base == "fixed":
+        return joints
+    q = np.array([*[*placed.position, 0.0][:3], *placed.orientation, *joints])
+    if len(placed.position) == 2 and scene.ground is not None:
+        q[2] = standing_height(model, scene.ground, q)
+    return q
 
 
 def reset_time(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
@@ -137,6 +178,8 @@ def standing_state(scene: CompiledScene, angles: ArrayLike, allow_limit_violatio
     """
     check_scene(scene)
     model = scene.model
+    if scene.members:
+        raise ValueError("standing_state is of one robot; of several give initial_state(scene, {name: q})")
     if model.base != "floating" or scene.ground is None:
         raise ValueError(f"{model.name}: only a floating robot over ground stands; its base is {model.base}")
     q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *vector("angles", angles, scene.tree.n)])
@@ -151,7 +194,7 @@ def check_scene(scene: CompiledScene) -> None:
 
 def check_quaternion(scene: CompiledScene, quaternion: np.ndarray, shortest: float, longest: float) -> None:
     """Raise ValueError for the quaternion (4,) of a floating base whose length is not within the bounds."""
-    if scene.model.base != "floating":
+    if not scene.tree.floating:
         return
     with np.errstate(over="ignore"):
         length = np.linalg.norm(quaternion)
@@ -193,7 +236,8 @@ def checked_state(scene: CompiledScene, state: ArrayLike | Trajectory) -> np.nda
 def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
     """Return a state as a vector; ValueError for numbers that no run ends with."""
     y = vector("state", values, scene.layout["length"], "what initial_state gave, or the end of a run")
-    check_quaternion(scene, y[slice(*scene.part("base_q"))][3:], 0.5, 2.0)
+    for base in y[slice(*scene.part("base_q"))].reshape(-1, 7):
+        check_quaternion(scene, base[3:], 0.5, 2.0)
     status, own = y[scene.layout["status"]], y[scene.part("step_control")[0] :]
     if status not in OF_CODE or not (own >= 0.0).all():
         raise ValueError(
@@ -205,6 +249,9 @@ def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
 
 def what_is_loose_at(scene: CompiledScene, y: np.ndarray, least: float = TOLERANCE) -> str | None:
     """Describe what can move without inertia in a state (length,); None if nothing can: see `what_is_loose`."""
+    if scene.members:
+        loose = (what_is_loose_at(one.scene, scene.state_of(one.name, y), least) for one in scene.members)
+        return next((one for one in loose if one is not None), None)
     q = np.concatenate([y[slice(*scene.part(name))] for name in ("base_q", "q")])
     return what_is_loose(scene.model, q, scene.constants.armature, least)
 

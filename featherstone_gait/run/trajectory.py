@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 
 from ..base import deprecated
+from ..base.arguments import shown
 from ..base.brief import some
 from ..base.files import FilePath, Format, complete_together, is_number, read_arrays, read_json
+from ..core.step.state import BY_NAME, shaped
 from ..model import Model
-from ..scene.channels import OLD, ByChannel, StateView, column_of
+from ..scene.channels import OLD, ByChannel, Share, StateView, column_of, owned
 from . import tables
 from .status import Status
 
@@ -73,8 +75,43 @@ class Trajectory(Mapping[str, np.ndarray]):
             values = getattr(self, name)
             object.__setattr__(self, name, None if values is None else ByChannel(values))
 
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self.channels[name]
+    def __getitem__(self, name: str) -> Any:
+        """Return a channel (samples, ...), or the run of one robot or object, as `of` does."""
+        return self.of(name) if name in self.info.get("members", ()) else self.channels[name]
+
+    def of(self, name: str) -> Trajectory:
+        """Return the run of one robot or object of a scene of several, as if it had been alone.
+
+        Parameters
+        ----------
+        name : str
+            Its name in the scene.
+
+        Returns
+        -------
+        Trajectory
+            Its channels, errors and final state; status, message and counts are those of the whole run.
+
+        Raises
+        ------
+        ValueError
+            If there is no such member.
+        """
+        shares = self.info.get("members", {})
+        if name not in shares:
+            known = ", ".join(shares) or "none, for the run is of one robot"
+            raise ValueError(f"trajectory: there is no robot or object {shown(name)}; there are {known}")
+        share = shares[name]
+        first, end = share["joints"]
+        info = {key: value for key, value in self.info.items() if key != "members"}
+        info |= {"robot": share["robot"], "joints": share["joints_of"], "joint_types": info["joint_types"][first:end]}
+        channels = {key: values for key, values in _own(self.channels, share).items() if values.size}
+        errors = None if self.error is None else {k: v for k, v in _own(self.error, share).items() if k in channels}
+        parts, indices = _own_parts(self.parts, share)
+        second = None if self.second_final is None else self.second_final[indices]
+        return Trajectory(
+            channels, self.status, self.message, self.end_time, self.final[indices], info, errors, parts, second
+        )
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.channels)
@@ -219,6 +256,28 @@ def of_second_run(state: Any) -> Any:
 
 def _not_recorded(trajectory: Mapping[str, np.ndarray], name: str) -> str:
     return f"channel {name!r} was not recorded; recorded were {', '.join(trajectory)}: name it in simulate(record=...)"
+
+
+def _own(channels: Mapping[str, np.ndarray], share: Share) -> dict[str, np.ndarray]:
+    """Return the channels (samples, ...) of one member."""
+    found = {}
+    for name, values in channels.items():
+        channel, flat = BY_NAME.get(name), values.reshape(len(values), -1)
+        if channel is None:  # time
+            found[name] = values
+        else:
+            found[name] = shaped(channel, flat[:, owned(channel, share, flat.shape[1])])
+    return found
+
+
+def _own_parts(parts: Mapping[str, tuple[int, int]] | None, share: Share) -> tuple[Any, np.ndarray]:
+    """Return the parts of a member's state, and where its numbers stand in that of all."""
+    at, found, indices = 0, {}, []
+    for name, (first, end) in (parts or {}).items():
+        own = first + owned(BY_NAME[name], share, end - first)
+        found[name], at = (at, at + len(own)), at + len(own)
+        indices.append(own)
+    return found or None, np.concatenate(indices) if indices else np.arange(0)
 
 
 def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:

@@ -128,9 +128,24 @@ def _controllers(servos: list[Servo | None]) -> np.recarray:
     return table
 
 
-def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
-    table = records(len(servos), GEAR)
+def passive(kind: type[Actuator], count: int) -> Actuator:
+    """Return so many joints without servos, in a scene whose servos are of this kind."""
+    none: list[Servo | None] = [None] * count
+    if issubclass(kind, PDServo):
+        return PDServo(_pds(none), None)
+    if issubclass(kind, MipsdServo):
+        return MipsdServo(_motors(none), _controllers(none), _no_gears(count))
+    return RigidServo(_motors(none), _controllers(none))
+
+
+def _no_gears(count: int) -> np.recarray:
+    table = records(count, GEAR)
     table.inertia = table.ratio = 1.0
+    return table
+
+
+def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
+    table = _no_gears(len(servos))
     for row, servo, name in zip(table, servos, model.joint_names):
         if servo is None:
             continue

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..base import deprecated
 from ..base.brief import some
-from ..core.step.state import BY_NAME, RECORDABLE, UNITS
+from ..core.step.state import BY_NAME, RECORDABLE, UNITS, Channel, several
 
 OLD = {  # names until version 0.2
     "passes": "newton_iterations",
@@ -70,6 +70,24 @@ def column_of(name: str, label: str) -> int:
     return labels.index(label)
 
 
+Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in forest.py
+
+
+def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
+    """Return the indices of the numbers of a channel, `size` in the scene, that are a member's."""
+    if channel.of in ("run", "source"):
+        return np.arange(size)
+    first, end = share["joints"]
+    if channel.of == "delay":  # all servos of a slot stand together
+        slots = np.arange(size // share["of_joints"])
+        return (slots[:, None] * share["of_joints"] + np.arange(first, end)).ravel()
+    if channel.of == "point":
+        first, end = share["points"]
+    elif channel.of in ("base", "tree"):
+        first, end = share["base"], share["base"] + (channel.of == "tree" or not share["fixed"])
+    return np.arange(channel.width * first, channel.width * end) if size else np.arange(0)
+
+
 class ByChannel(dict[str, Any]):
     """Values by the names of channels, which an old name finds too, with a DeprecationWarning."""
 
@@ -106,7 +124,7 @@ class StateView(Mapping[str, np.ndarray]):
             raise AttributeError(f"a state has no channel {name!r}; channels: {', '.join(self._parts)}")
         first, end = self._parts[name]
         values, channel = self._y[..., first:end], BY_NAME.get(name)
-        if channel is not None and channel.width > 1 and channel.of not in ("base", "run"):
+        if channel is not None and several(channel, end - first):
             return values.reshape(*values.shape[:-1], -1, channel.width)
         return values
 

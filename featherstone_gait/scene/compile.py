@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from ..base import deprecated
-from ..base.arguments import shown
+from ..base.arguments import instance, listed, shown
 from ..base.brief import clipped
 from ..base.portable_math import sincos
 from ..core.effects.gear_friction import GearFriction
@@ -19,12 +20,13 @@ from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
-from ..model import Controller, Ground, Model, Spring
+from ..model import Controller, Ground, Model, Placed, Spring
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import ByChannel, StateView
 from .contact import build_contact, standing_posture
 from .external import Push, build_lifts, build_pushes, build_springs
 from .firmware import build_firmware, build_supply
+from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
 from .friction import Friction, build_friction, sticks
 from .joint_spring import build_joint_springs, fold_joint_springs
 from .options import SceneOptions, check_options
@@ -46,7 +48,9 @@ class CompiledScene:
     Attributes
     ----------
     model : Model
-        The robot.
+        The robot; of several members one of all, whose links and joints have their names before them.
+    members : tuple of Member
+        The robots and objects of a scene of several.
     constants : Scene
         What the kernels read.
     options : SceneOptions
@@ -82,6 +86,7 @@ class CompiledScene:
     upright: tuple[float, float, float]  # what points up in the frame of a root that is not tilted
     stiff: bool  # explicit steps are limited to less than `STIFF`, or forces are discontinuous
     compiled: Scene  # the constants as compiled, to tell which were put in by hand
+    members: tuple[Member, ...] = ()
 
     def __repr__(self) -> str:
         name, joints = clipped(self.model.name), f"{self.model.base} base, {self.tree.n} joints"
@@ -105,11 +110,18 @@ class CompiledScene:
                 "compiled anew; compile with the integrator and step wanted and put them in again, without rtol and "
                 "estimate_error"
             )
-        scene = compile_scene(self.model if model is None else model, **(self.options._asdict() | changes))
+        scene = compile_scene(self._described(model), **(self.options._asdict() | changes))
         check = scene.preflight
         if "integrator" not in changes:
             check = check._replace(reason=self.preflight.reason, named=self.preflight.named)
         return replace(scene, preflight=check, constants=scene.constants._replace(push=self.constants.push))
+
+    def _described(self, model: Model | None) -> Model | list[Placed]:
+        """Return what to compile anew, with the numbers of another model of the same parts."""
+        if not self.members:
+            return self.model if model is None else model
+        models = [one.model for one in self.members] if model is None else members_of(self.members, model)
+        return [replace(one.placed, model=new) for one, new in zip(self.members, models)]
 
     @property
     def timestep(self) -> float:
@@ -202,6 +214,21 @@ class CompiledScene:
         """Return first and past-the-last index of a part of the state."""
         return self.parts[name]
 
+    def member(self, name: str) -> Member:
+        """Look up a robot or object of a scene of several by its name.
+
+        Raises ValueError if there is none.
+        """
+        found = next((one for one in self.members if one.name == name), None)
+        if found is None:
+            known = ", ".join(one.name for one in self.members) or "none, for the scene has one robot alone"
+            raise ValueError(f"scene: there is no robot or object {shown(name)}; there are {known}")
+        return found
+
+    def state_of(self, name: str, y: np.ndarray) -> np.ndarray:
+        """Return a copy of the numbers of states (..., size) that are one member's: a state of its own scene."""
+        return y[..., state_index(self, self.member(name))]
+
     def state_view(self, y: np.ndarray) -> StateView:
         """Return the channels of states (..., size) by name, as views: ``scene.state_view(y).q[0] = 0.1`` changes y.
 
@@ -236,7 +263,7 @@ class CompiledScene:
 
 @deprecated.keywords(servos="gearbox")
 def compile_scene(
-    model: Model,
+    model: Model | Placed | Sequence[Model | Placed],
     gearbox: GearboxKind | None = None,
     ground: Ground | None = None,
     integrator: str | None = None,
@@ -246,12 +273,12 @@ def compile_scene(
     fall_tilt: float = math.radians(45),
     springs: Sequence[Spring] = (),
 ) -> CompiledScene:
-    """Compile a model, its servos and the ground into a scene.
+    """Compile models, their servos and the ground into a scene.
 
     Parameters
     ----------
-    model : Model
-        The robot.
+    model : Model, Placed, or sequence of these
+        The robot, or robots and free objects at their places.
     gearbox : {"mipsd", "rotor", "standard"}, optional
         Model of the gearboxes: "mipsd" (motor inertia plus spring-damper), "rotor" (rigid, with the rotor's reflected
         inertia), "standard" (rigid, without it).  None: no servos; torques come from ``simulate(tau=...)``.
@@ -289,8 +316,13 @@ def compile_scene(
     The standing height is that of the keyframe "stand", "standing" or "home", else of the zero posture.  There the
     root's z axis is upright, or the one axis of the root along which all contacts are below the center of mass.
     """
-    given = SceneOptions(gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs)
-    options = check_options(model, given)
+    options = SceneOptions(gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs)
+    return _compile(model, options) if isinstance(model, Model) else _compile_members(model, options)
+
+
+def _compile(model: Model, given: SceneOptions) -> CompiledScene:
+    """Compile one model."""
+    options, ground = check_options(model, given), given.ground
     tree, drive, g = compile_tree(model), build_drive(model, options.gearbox), np.asarray(options.gravity)
     contact, ties = build_contact(model, tree, ground, g), build_springs(tree, options.springs)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
@@ -325,7 +357,7 @@ def compile_scene(
         model=model,
         tree=tree,
         constants=constants,
-        places=_places(tree, drive, constants),
+        places=_places(tree, constants),
         method=method,
         options=options._replace(integrator=method.name, timestep=h),
         tick_steps=ticks,
@@ -337,6 +369,82 @@ def compile_scene(
         stiff=drive.switches or ground is not None or check.folded_step < STIFF or sticks(friction),
         compiled=constants,
     )
+
+
+def _compile_members(models: Any, options: SceneOptions) -> CompiledScene:
+    """Compile several models: each alone, then all tables one after the other."""
+    members = _members(models, options)
+    checks = [member.scene.preflight for member in members]
+    first = next((one for one in checks if INTEGRATORS[one.integrator].name == "ars343"), checks[0])
+    step = min(one.timestep for one in checks)
+    if any(one.integrator != first.integrator or one.timestep != step for one in checks):
+        chosen = options._replace(integrator=first.integrator, timestep=step)
+        members = [Member(one.placed, _compile(one.model, _own(one.placed, chosen))) for one in members]
+    decisive = next((one.scene for one in members if one.scene.sampled), members[0].scene)
+    _check_ticks(members)
+    tree = joined_tree(members)
+    constants = joined_constants(members, tree)
+    check = joined_preflight(members, first._replace(timestep=step, named=options.integrator is not None))
+    gearboxes = [member.scene.gearbox for member in members if member.scene.gearbox is not None]
+    scenes = [member.scene for member in members]
+    return CompiledScene(
+        model=joined_model(members, " and ".join(member.name for member in members)),
+        tree=tree,
+        constants=constants,
+        places=_places(tree, constants),
+        method=decisive.method,
+        options=options._replace(
+            gearbox=gearboxes[0] if gearboxes else None, gravity=scenes[0].options.gravity,
+            integrator=decisive.method.name, timestep=step,
+        ),
+        tick_steps=decisive.tick_steps,
+        lag=decisive.lag,
+        preflight=check,
+        fall_height=-math.inf,
+        fall_upright=-2.0,
+        upright=(0.0, 0.0, 1.0),
+        stiff=any(scene.stiff for scene in scenes),
+        compiled=constants,
+        members=tuple(members),
+    )  # fmt: skip
+
+
+def _members(models: Any, options: SceneOptions) -> list[Member]:
+    """Compile each of the models alone; raise ValueError for names given twice."""
+    models = [models] if isinstance(models, Placed) else listed("model", models, "give a list of Model and Placed")
+    if not models:
+        raise ValueError("model: the list is empty; give at least one Model or Placed")
+    placed = [Placed(one) if isinstance(one, Model) else one for one in models]
+    for one in placed:
+        instance("model", one, Placed, "give a Model, or Placed(model, position=(x, y))")
+    repeated = [name for name, times in Counter(one.name for one in placed).items() if times > 1]
+    if repeated:
+        raise ValueError(
+            f"model: {repeated[0]!r} is the name of several robots or objects; give each its own, as "
+            "Placed(model, name='left')"
+        )
+    if options.springs:
+        raise ValueError("springs: they join links of one robot, and this scene has several; leave them out")
+    return [Member(one, _compile(one.model, _own(one, options))) for one in placed]
+
+
+def _own(placed: Placed, options: SceneOptions) -> SceneOptions:
+    """Return the options of one member: its gearbox, and ground if its contact points meet any."""
+    model = placed.model
+    gearbox = options.gearbox if placed.gearbox == "scene" else cast(Any, placed.gearbox)
+    if placed.gearbox == "scene" and not any(name in model.servos for name in model.joint_names):
+        gearbox = None
+    return options._replace(
+        gearbox=gearbox, ground=options.ground if placed.ground_contact and model.contacts else None
+    )
+
+
+def _check_ticks(members: Sequence[Member]) -> None:
+    """Raise ValueError unless all sampled controllers have one period and lag."""
+    found = {(m.scene.tick_steps * m.scene.timestep, m.scene.lag): m.name for m in members if m.scene.sampled}
+    if len(found) > 1:
+        each = ", ".join(f"{name!r} {period:g} s and {lag:g} s" for (period, lag), name in found.items())
+        raise ValueError(f"scene: controllers differ in period and lag: {each}; give them the same")
 
 
 def _method(name: str, drive: Drive, friction: Friction | None) -> Integrator:
@@ -369,17 +477,18 @@ def _punch(law: Controller) -> float:
     return law.punch / law.Kp if law.Kp else math.inf if law.punch else 0.0
 
 
-def _places(tree: Tree, drive: Drive, constants: Scene) -> np.recarray:
+def _places(tree: Tree, constants: Scene) -> np.recarray:
     """Lay the parts of the state out."""
-    has = () if drive.actuator is None else drive.actuator.PARTS
+    has = () if constants.actuator is None else cast(Any, constants.actuator).PARTS
     contact, firmware, fed = constants.contact, constants.firmware, constants.supply is not None
     return state.lay_out(
         {
-            "base": int(tree.floating),
+            "base": tree.bases,
             "joint": tree.n,
             "servo": tree.n * ("servo" in has),
             "rotor": tree.n * ("rotor" in has),
             "point": 0 if contact is None else len(contact.points),
+            "tree": 1 if tree.trees is None else len(tree.trees),
             "run": 1,
             "profile": tree.n * (firmware.profile is not None),
             "delay": 0 if firmware.delay is None else tree.n * firmware.delay.slots,

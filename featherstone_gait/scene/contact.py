@@ -136,6 +136,12 @@ def ground_under(ground: Ground, points: np.ndarray) -> np.ndarray:
     return out
 
 
+def over_ground(ground: Ground, points: np.ndarray) -> np.ndarray:
+    """Return the heights (k,) of points (k, 3) over the ground, along its normal [m]."""
+    found = ground_under(ground, points)
+    return found[:, 6] * found[:, 2]
+
+
 def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
     """Compute the height of the base [m] at which the lowest contact in posture q is at its static penetration."""
     if ground.field is not None:

@@ -26,11 +26,17 @@ class Tree(NamedTuple):
     placements: dict[str, Placement]  # of every link
     rows: int  # of the workspace: bodies, slots, contact rows, couplings
     coupling: np.recarray | None  # (couplings,) COUPLING
+    trees: np.recarray | None = None  # (trees,) TREE of a scene of several trees
 
     @property
     def n(self) -> int:
         """Number of moving joints."""
-        return len(self.bodies) - 1
+        return len(self.bodies) - (1 if self.trees is None else len(self.trees))
+
+    @property
+    def bases(self) -> int:
+        """Number of bases that have coordinates."""
+        return int(self.floating) if self.trees is None else len(self.trees)
 
     def workspace_shape(self) -> tuple[int, int]:
         """Return rows and columns of the workspace."""

@@ -19,8 +19,8 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select, sqrt
-from ..compile.optional import slice_if
 from ..compile.structure import record, structure
+from ..tree.forest import base_index, base_of, joint_count, points_of
 from ..tree.layout import SF, SH, SJ, SM, TOUCH, U
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import add, cross, dot, load3, scale, store3, sub, vector
@@ -80,8 +80,8 @@ def place_points(contact, step, base_q, lookahead_time):
     the penetration, along the normal where they are now.
     """
     W, C = step.W, step.C
-    plane = fixed_axes(contact.ground)
-    for c in range(len(contact.points)):
+    plane, (first, end) = fixed_axes(contact.ground), points_of(step.part, contact.points)
+    for c in range(first, end):
         point = contact.points[c]
         i = point.body
         center = point_position(i, vector(point.position), W)
@@ -156,16 +156,17 @@ def place_contacts(contact, predicted, step):
     """
     if contact is None:
         return
-    C, base_q, lookahead_time = step.C, slice_if(step.scene.floating, step.y, step.offsets.base_q, 7), 0.0
+    scene, C, lookahead_time, (first, end) = step.scene, step.C, 0.0, points_of(step.part, contact.points)
+    base_q = base_of(scene.floating, step.part, step.y, step.offsets.base_q, 7)
     if predicted is not None:
-        base_q = slice_if(step.scene.floating, predicted, 2 * (len(step.scene.tree) - 1), 7)
+        base_q = base_of(scene.floating, step.part, predicted, 2 * joint_count(scene.trees, scene.tree), 7)
         lookahead_time = step.h_implicit
     place_points(contact, step, base_q, lookahead_time)
-    for c in range(len(contact.points)):
+    for c in range(first, end):
         p = contact.points[c]
-        first, _ = normal_force(p, C[c, DEPTH], C[c, U0], step.h_implicit)
+        predicted_force, _ = normal_force(p, C[c, DEPTH], C[c, U0], step.h_implicit)
         last = step.y[step.offsets.contact_force + 3 * c]
-        C[c, LIMIT] = p.friction * select(last > 0.0, last, first)
+        C[c, LIMIT] = p.friction * select(last > 0.0, last, predicted_force)
 
 
 @kernel
@@ -173,8 +174,8 @@ def linearize_contacts(contact, step):
     """Fill the forces and slopes at the velocities UK."""
     if contact is None:
         return
-    C = step.C
-    for c in range(len(contact.points)):
+    C, (first, end) = step.C, points_of(step.part, contact.points)
+    for c in range(first, end):
         p, u = contact.points[c], load3(C, c, UK)
         fn, cn = normal_force(p, C[c, DEPTH], u[0], step.h_implicit)
         f, slope, _ = friction_force(p, _bristle(step, c), u, C[c, LIMIT], step.h_implicit)
@@ -189,10 +190,11 @@ def fold_contacts(contact, step, h):
     if contact is None:
         return
     plane, tree, W, C = fixed_axes(contact.ground), step.scene.tree, step.W, step.C
-    for c in range(len(contact.points)):
+    first, end = points_of(step.part, contact.points)
+    for c in range(first, end):
         i = contact.points[c].body
         k = tree[i].contact
-        if c == 0 or i != contact.points[c - 1].body:
+        if c == first or i != contact.points[c - 1].body:
             for j in range(TOUCH + 1):
                 W[k, j] = 0.0
         on = (C[c, FK] > 0.0) | (C[c, CN] > 0.0) | (C[c, LIMIT] > 0.0)
@@ -247,8 +249,8 @@ def solved_contacts(contact, step):
     if contact is None:
         return
     W, C, h = step.W, step.C, step.h_implicit
-    plane = fixed_axes(contact.ground)
-    for c in range(len(contact.points)):
+    plane, (first, end) = fixed_axes(contact.ground), points_of(step.part, contact.points)
+    for c in range(first, end):
         i = contact.points[c].body
         n, t, second = axes_at(plane, c, C)
         p = load3(C, c, XP)
@@ -265,7 +267,8 @@ def solved_contacts(contact, step):
 def compare_contacts(contact, step, wrong, slope, tolerance, floor):
     """Add to `wrong` where forces at UN differ from the linear model's, and to the slope of the descent [W]."""
     if contact is not None:
-        for c in range(len(contact.points)):
+        first, end = points_of(step.part, contact.points)
+        for c in range(first, end):
             u = load3(step.C, c, UN)
             f = point_force(contact, step, c, u)
             e = sub(load3(step.C, c, FL), f)
@@ -279,7 +282,8 @@ def compare_contacts(contact, step, wrong, slope, tolerance, floor):
 def contact_slope(contact, step, fraction, slope):
     """Add the contacts' part to the slope of the convex function at a fraction of the pass [W]."""
     if contact is not None:
-        for c in range(len(contact.points)):
+        first, end = points_of(step.part, contact.points)
+        for c in range(first, end):
             uk, r = load3(step.C, c, UK), load3(step.C, c, RHO)
             p = sub(load3(step.C, c, UN), uk)
             f = point_force(contact, step, c, add(uk, scale(p, fraction)))
@@ -289,10 +293,11 @@ def contact_slope(contact, step, fraction, slope):
 
 
 @inline
-def shift_contacts(contact, C, fraction, active):
+def shift_contacts(contact, step, fraction, active):
     """Move the iterate by the fraction of the pass, in the lanes still at work."""
     if contact is not None:
-        for c in range(len(contact.points)):
+        C, (first, end) = step.C, points_of(step.part, contact.points)
+        for c in range(first, end):
             for k in range(3):
                 C[c, UK + k] = shifted(C[c, UK + k], C[c, UN + k], fraction, active)
                 C[c, RHO + k] = shifted(C[c, RHO + k], C[c, FL + k], fraction, active)
@@ -319,10 +324,11 @@ def move_contacts(contact, step):
     """Move bristles, forces and the work of the ground to the end of the step."""
     if contact is not None:
         y, offsets, C, h = step.y, step.offsets, step.C, step.h_implicit
-        for c in range(len(contact.points)):
+        work, (first, end) = offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
+        for c in range(first, end):
             p, u, z = contact.points[c], load3(C, c, UN), _bristle(step, c)
             f = point_force(contact, step, c, u)
-            y[offsets.contact_work] += step.h * dot(f, u)
+            y[work] += step.h * dot(f, u)
             _, _, slips = friction_force(p, z, u, C[c, LIMIT], h)
             kappa = 1.0 / (h * p.tangential_stiffness + p.tangential_damping)
             m1 = select(slips, (p.tangential_damping * z[0] - h * f[1]) * kappa, z[0] + h * u[1])
@@ -341,9 +347,11 @@ def move_contacts(contact, step):
 def contact_rates(contact, step, dy):
     """Fill contact forces [N], rates of the bristles [m/s] and power of the ground [W]; nothing is folded."""
     if contact is not None:
-        place_points(contact, step, slice_if(step.scene.floating, step.y, step.offsets.base_q, 7), 0.0)
-        dy[step.offsets.contact_work] = 0.0 * step.y[step.offsets.contact_work]
-        for c in range(len(contact.points)):
+        base_q = base_of(step.scene.floating, step.part, step.y, step.offsets.base_q, 7)
+        place_points(contact, step, base_q, 0.0)
+        work, (first, end) = step.offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
+        dy[work] = 0.0 * step.y[work]
+        for c in range(first, end):
             _rates(contact.points[c], step, dy, c)
         fold_contacts(contact, step, 0.0)
 
@@ -359,7 +367,7 @@ def _rates(p, step, dy, c):
     kt, dt, bristle = p.tangential_stiffness, p.tangential_damping, offsets.tangential_deflection + 2 * c
     dy[bristle] = select(slips, -(f[0] + kt * z[0]) / dt, u[1])  # what slips keeps -kt z - dt dz/dt at the force
     dy[bristle + 1] = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
-    dy[offsets.contact_work] += fn * u[0] + f[0] * u[1] + f[1] * u[2]
+    dy[offsets.contact_work + base_index(step.part)] += fn * u[0] + f[0] * u[1] + f[1] * u[2]
     store3(C, c, FK, (fn, f[0], f[1]))
     for k in range(4):
         C[c, CN + k] = 0.0

@@ -28,11 +28,11 @@ from ..effects.actuator import controller_of, motor_of, motor_speed, rotor_of
 from ..effects.energies import DRIVER, ENERGIES, METER, SUPPLY
 from ..effects.motor_stage import COLUMNS as MOTOR_COLUMNS
 from ..effects.motor_stage import MID_SPEED, NOW, USED, MotorStage, begin_stage, bend, missed
-from ..step.advance import advance
+from ..step.advance import step_trees
 from ..step.context import Scratch, Step
-from ..step.newton import solve_step
 from ..step.pace import COLUMNS, EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, root, scaled
 from ..step.signals import inputs
+from ..tree.forest import base_count, joint_count
 from ..tree.kinematics import quaternion_rate
 from .integrator import Integrator, begin_interval, scratch, take_adaptive_step
 
@@ -63,6 +63,7 @@ class Ars343(NamedTuple):
     slopes: np.ndarray  # (4, what is integrated): of the start, known of the coordinates alone, and of the stages
     predicted: np.ndarray  # (nq + nv,) where inertia and bias are taken
     motors: MotorStage | None  # None without motors
+    norms: np.ndarray  # (bases,) lengths of the quaternions at the start of a stage
     stale: np.ndarray  # (1,) 1 where the slope at the start is to be found
     fresh: np.ndarray  # (1,) 1 of the first step after an event
     pace: np.ndarray  # (SIZE,)
@@ -144,18 +145,17 @@ def _stages(run, y, t, h):
     _store_motors(work.motors, rotor_of(scene.actuator), offsets, work.start, NOW)
     y[offsets.newton_iterations + 1] = work.start[offsets.newton_iterations + 1]
     for k in range(0 if work.stale[0] > 0.0 else 1, 4):
-        norm = _begin_stage(scene.floating, scene.contact, run, y, h, k)
+        _begin_stage(scene.floating, scene.contact, run, y, h, k)
         _begin_motors(work.motors, run, y, h, k)
         inputs(u, min(t + max(NODES[k], G) * h, pace[UNTIL]))
         at = Step(
             scene=scene, actuator=scene.actuator, decay=work.motors, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
             predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, h_implicit=d, theta=1.0, extrapolation_ratio=None,
-            tolerance=NEWTON_SHARE * run.plan.rtol, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
+            tolerance=NEWTON_SHARE * run.plan.rtol, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, part=None,
         )  # fmt: skip
-        solve_step(at)
-        advance(at)
+        step_trees(at)
         pace[EVALUATIONS] += 1.0
-        _end_stage(scene.floating, run, y, d, k, norm)
+        _end_stage(scene.floating, run, y, d, k)
         if k == 2:
             _store_motors(work.motors, rotor_of(scene.actuator), offsets, y, MID_SPEED)
 
@@ -164,7 +164,7 @@ def _stages(run, y, t, h):
 def _begin_stage(floating, contact, run, y, h, k):
     """Fill y and the slopes with the state from which stage k steps, and accelerations that predict its end.
 
-    Returns the length of a floating base's quaternion, which the step makes 1.
+    The lengths of the quaternions of floating bases, which the step makes 1, are kept.
     """
     work, offsets = run.work, run.offsets[0]
     start, slopes = work.start, work.slopes
@@ -174,20 +174,19 @@ def _begin_stage(floating, contact, run, y, h, k):
             y[i] += (h * IMPLICIT[k, j]) * slopes[j, i]
         if k > 0:
             slopes[k, i] = y[i]
-    for i in range(len(run.scene.tree) - 1):
+    for i in range(joint_count(run.scene.trees, run.scene.tree)):
         _expect(run, y, h, k, offsets.qd + i, offsets.qdd + i)
     if contact is not None:
         for i in range(3 * len(contact.points)):
             y[offsets.contact_force + i] = 0.0  # friction is limited by the predicted normal force
-    norm = 1.0
     if floating is not None:
-        for i in range(6):
+        for i in range(6 * base_count(run.scene.trees)):
             _expect(run, y, h, k, offsets.base_qd + i, offsets.base_qdd + i)
-        norm = 0.0
-        for i in range(offsets.base_q + 3, offsets.base_q + 7):
-            norm += y[i] * y[i]
-        norm = sqrt(norm)
-    return norm
+        for base in range(base_count(run.scene.trees)):
+            quaternion, norm = offsets.base_q + 7 * base + 3, 0.0
+            for i in range(quaternion, quaternion + 4):
+                norm += y[i] * y[i]
+            work.norms[base] = sqrt(norm)
 
 
 @inline
@@ -202,7 +201,7 @@ def _expect(run, y, h, k, speed, acceleration):
 
 
 @inline
-def _end_stage(floating, run, y, d, k, norm):
+def _end_stage(floating, run, y, d, k):
     """Set the slope of stage k by what its step d has changed; of the start the accelerations alone.
 
     Euler's step shortens the quaternion of a floating base.
@@ -212,16 +211,18 @@ def _end_stage(floating, run, y, d, k, norm):
         for i in range(offsets.after_integrated):
             slopes[k, i] = (y[i] - slopes[k, i]) * (1.0 / d)
         if floating is not None:
-            x, v = y[offsets.base_q : offsets.base_q + 7], y[offsets.base_qd : offsets.base_qd + 6]
-            turn = 0.25 * d * d * (v[3] * v[3] + v[4] * v[4] + v[5] * v[5])
-            quaternion_rate(x, v, slopes[k, offsets.base_q + 3 : offsets.base_q + 7])
-            for i in range(offsets.base_q + 3, offsets.base_q + 7):
-                slopes[k, i] *= norm / sqrt(1.0 + turn)
+            for base in range(base_count(run.scene.trees)):
+                position, speed = offsets.base_q + 7 * base, offsets.base_qd + 6 * base
+                x, v = y[position : position + 7], y[speed : speed + 6]
+                turn = 0.25 * d * d * (v[3] * v[3] + v[4] * v[4] + v[5] * v[5])
+                quaternion_rate(x, v, slopes[k, position + 3 : position + 7])
+                for i in range(position + 3, position + 7):
+                    slopes[k, i] *= run.work.norms[base] / sqrt(1.0 + turn)
     else:
-        for i in range(len(run.scene.tree) - 1):
+        for i in range(joint_count(run.scene.trees, run.scene.tree)):
             slopes[0, offsets.qd + i] = y[offsets.qdd + i]
         if floating is not None:
-            for i in range(6):
+            for i in range(6 * base_count(run.scene.trees)):
                 slopes[0, offsets.base_qd + i] = y[offsets.base_qdd + i]
 
 
@@ -229,15 +230,18 @@ def _end_stage(floating, run, y, d, k, norm):
 def _start_slope(floating, run):
     """Fill the rates of positions and velocities at the start, as the last stage left them."""
     offsets, start, slope = run.offsets[0], run.work.start, run.work.slopes[0]
-    for i in range(len(run.scene.tree) - 1):
+    for i in range(joint_count(run.scene.trees, run.scene.tree)):
         slope[offsets.q + i] = start[offsets.qd + i]
         slope[offsets.qd + i] = start[offsets.qdd + i]
     if floating is not None:
-        for i in range(3):
-            slope[offsets.base_q + i] = start[offsets.base_qd + i]
-        x, v = start[offsets.base_q : offsets.base_q + 7], start[offsets.base_qd : offsets.base_qd + 6]
-        quaternion_rate(x, v, slope[offsets.base_q + 3 : offsets.base_q + 7])
-        for i in range(6):
+        for base in range(base_count(run.scene.trees)):
+            position, speed = offsets.base_q + 7 * base, offsets.base_qd + 6 * base
+            for i in range(3):
+                slope[position + i] = start[speed + i]
+            quaternion_rate(
+                start[position : position + 7], start[speed : speed + 6], slope[position + 3 : position + 7]
+            )
+        for i in range(6 * base_count(run.scene.trees)):
             slope[offsets.base_qd + i] = start[offsets.base_qdd + i]
 
 
@@ -245,12 +249,11 @@ def _start_slope(floating, run):
 def _error(run, y, h):
     """Return the largest error of positions and velocities over the tolerance; infinite if a stage was not solved."""
     offsets, start, slopes, worst = run.offsets[0], run.work.start, run.work.slopes, 0.0
-    n = len(run.scene.tree) - 1
     if y[offsets.newton_iterations + 1] > start[offsets.newton_iterations + 1]:
         return 1e60
-    for i in range(offsets.q + n):
+    for i in range(offsets.base_qd):
         worst = _worse(worst, _estimate(slopes, i, h) / (POSITION_SHARE * run.plan.atol))
-    for i in range(offsets.q + n, offsets.after_coordinates):
+    for i in range(offsets.base_qd, offsets.after_coordinates):
         worst = _worse(worst, scaled(run.plan, _estimate(slopes, i, h), start[i], y[i]))
     return _current_error(run.work.motors, rotor_of(run.scene.actuator), run, y, h, worst)
 
@@ -288,7 +291,7 @@ def _finish(run, y, h):
     """Restore the watch on chatter, and add what the motors' stages leave out."""
     offsets, start = run.offsets[0], run.work.start
     for watch in (offsets.velocity_change, offsets.chatter, offsets.worst_chatter):
-        for i in range(watch, watch + len(run.scene.tree) - 1):
+        for i in range(watch, watch + joint_count(run.scene.trees, run.scene.tree)):
             y[i] = start[i]
     _finish_motors(run.work.motors, rotor_of(run.scene.actuator), run, y, h)
 
@@ -343,8 +346,9 @@ def _workspace(sizes, zeros):
         scratch=scratch(sizes, zeros),
         start=zeros(int(offsets["length"])),
         slopes=zeros((4, int(offsets["after_integrated"]))),
-        predicted=zeros(2 * sizes.n + 13 * sizes.floating),
+        predicted=zeros(2 * sizes.n + 13 * sizes.bases),
         motors=MotorStage(zeros((sizes.motors, MOTOR_COLUMNS)), zeros(3)) if sizes.motors else None,
+        norms=zeros(max(sizes.bases, 1)),
         stale=np.zeros(1),
         fresh=np.zeros(1),
         pace=zeros(SIZE),

@@ -20,7 +20,7 @@ from ..step.derivative import derivative
 from ..step.pace import EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
 from ..step.signals import inputs, time_of
 from ..tree.coupling import follow
-from ..tree.kinematics import unit_quaternion
+from ..tree.kinematics import unit_quaternions
 from .integrator import Integrator, begin_interval, ends_on_records, record_within, scratch, take_adaptive_step
 from .rollout import record as write_record
 from .tableau import E3, E5, NODES, WEIGHTS, D
@@ -66,13 +66,13 @@ def _evaluate(first, last, run, y, t, h):
                     for i in range(n):
                         y[i] += c * stages[j, i]
             if k == END:
-                unit_quaternion(scene.floating, offsets.base_q, y)
+                unit_quaternions(scene.floating, scene.trees, offsets.base_q, y)
         inputs(u, min(t + NODES[k] * h, pace[UNTIL]))
         since, act = pace[SINCE], scene.actuator
         at = Step(
             scene=scene, actuator=act, decay=None, offsets=offsets, y=y, tau=u.tau, drive=u.drive, predicted=None,
             t=since, span=0.0, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
-            tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
+            tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, part=None,
         )  # fmt: skip
         derivative(at, stages[k])
         pace[EVALUATIONS] += 1.0
@@ -169,7 +169,7 @@ def _interpolate(run, y, h, x):
         e = stages[COEFFICIENTS, i]
         f = stages[COEFFICIENTS + 1, i] + u * (stages[COEFFICIENTS + 2, i] + x * stages[COEFFICIENTS + 3, i])
         y[i] = a + x * (d + u * (b + x * (c + u * (e + x * f))))
-    unit_quaternion(run.scene.floating, run.offsets[0].base_q, y)
+    unit_quaternions(run.scene.floating, run.scene.trees, run.offsets[0].base_q, y)
 
 
 @inline

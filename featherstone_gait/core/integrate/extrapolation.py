@@ -37,14 +37,14 @@ from ..effects.actuator import controller_of, motor_of
 from ..effects.decay import DECAYS, set_decay
 from ..effects.energies import ENERGIES, METER
 from ..effects.friction import stops_at_once
-from ..step.advance import advance
+from ..step.advance import advance_trees, solve_trees
 from ..step.branch import branches, branches_at_start
 from ..step.context import NEWTON_TOLERANCE, Step
 from ..step.derivative import derivative
-from ..step.newton import solve_step
 from ..step.pace import COLUMNS, EVALUATIONS, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
 from ..step.signals import evaluate
-from ..tree.kinematics import unit_quaternion
+from ..tree.forest import base_count, joint_count
+from ..tree.kinematics import unit_quaternions
 from .integrator import Integrator, begin_interval, begin_run, scratch, take_adaptive_step
 
 LONGEST, LONGEST_LINEAR = 12, 9  # columns in powers of h^2 and h; one more multiplies rounding by 2.2 and 3.4
@@ -122,7 +122,7 @@ def extrapolate(work, run, y, t, length):
             for i in range(_smooth(implicit, run)):  # the watch on chatter stays
                 y[i] = work.best[i]
             y[offsets.newton_iterations] = work.columns.y[offsets.newton_iterations, 0]  # those of the last column
-            unit_quaternion(run.scene.floating, offsets.base_q, y)
+            unit_quaternions(run.scene.floating, run.scene.trees, offsets.base_q, y)
             _first_slope(implicit, run, y, t + h)
             pace[STEPS] += 1.0
             _choose(work, count - 1, h, length, rejected)
@@ -291,7 +291,7 @@ def _skipped(run, last, h):
     """
     offsets, worst = run.offsets[0], 0.0
     changes = run.work.discontinuity[BEFORE] == 0.0 and h > LOCATED * run.plan.least_step
-    for i in range(len(run.scene.tree) - 1):
+    for i in range(joint_count(run.scene.trees, run.scene.tree)):
         a = _skipped_by(run, last, offsets.qdd + i)
         worst = max(worst, _scaled_at(run, a, offsets.q + i))
         if changes:
@@ -303,11 +303,13 @@ def _skipped(run, last, h):
 def _skipped_by_base(floating, run, last, worst, changes):
     if floating is not None:
         offsets = run.offsets[0]
-        for i in range(6):  # the quaternion's vector is half the turn
-            a = _skipped_by(run, last, offsets.base_qdd + i)
-            worst = max(worst, _scaled_at(run, a, offsets.base_q + i + i // 3))
+        for k in range(6 * base_count(run.scene.trees)):
+            base, i = k // 6, k % 6
+            a = _skipped_by(run, last, offsets.base_qdd + k)
+            # the quaternion's vector is half the turn
+            worst = max(worst, _scaled_at(run, a, offsets.base_q + 7 * base + i + i // 3))
             if changes:
-                worst = max(worst, _scaled_speed(run, a, offsets.base_qd + i))
+                worst = max(worst, _scaled_speed(run, a, offsets.base_qd + k))
     return worst
 
 
@@ -390,7 +392,7 @@ def _slope(run, columns, slope):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, part=None,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -402,12 +404,12 @@ def _euler(ended, run, columns):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, part=None,
     )  # fmt: skip
     if ended is None:
-        solve_step(at)
+        solve_trees(scene.trees, at)
         x.branch[0] = branches(scene.contact, at)
-        advance(at)
+        advance_trees(scene.trees, at)
         _sum_apart(scene.floating, run, x, h)
     else:
         x.branch[0] = branches_at_start(scene.contact, at)
@@ -417,16 +419,18 @@ def _euler(ended, run, columns):
 def _sum_apart(floating, run, x, h):
     """Sum what a step has changed of the coordinates, and take these as that beyond the start."""
     offsets, start = run.offsets[0], run.work.start
-    for i in range(len(run.scene.tree) - 1):
+    for i in range(joint_count(run.scene.trees, run.scene.tree)):
         _add(start, x, offsets.qd + i, h * x.y[offsets.qdd + i])
         _add(start, x, offsets.q + i, h * x.y[offsets.qd + i])
     if floating is not None:
-        for i in range(6):
-            _add(start, x, offsets.base_qd + i, h * x.y[offsets.base_qdd + i])
-        for i in range(3):
-            _add(start, x, offsets.base_q + i, h * x.y[offsets.base_qd + i])
-        for i in range(offsets.base_q + 3, offsets.base_q + 7):
-            x.moved[i] = x.y[i] - start[i]
+        for base in range(base_count(run.scene.trees)):
+            position, speed = offsets.base_q + 7 * base, offsets.base_qd + 6 * base
+            for i in range(6):
+                _add(start, x, speed + i, h * x.y[offsets.base_qdd + 6 * base + i])
+            for i in range(3):
+                _add(start, x, position + i, h * x.y[speed + i])
+            for i in range(position + 3, position + 7):
+                x.moved[i] = x.y[i] - start[i]
 
 
 @inline

@@ -8,9 +8,8 @@ from ..compile.jit import inline
 from ..compile.lanes import select
 from ..compile.optional import only_if
 from ..compile.structure import structure
-from ..step.advance import advance
+from ..step.advance import step_trees
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
-from ..step.newton import solve_step
 from ..step.signals import inputs_over_step
 from .integrator import Integrator, scratch, take_step, thetas
 
@@ -33,10 +32,9 @@ def implicit_step(work, run, y, t, theta):
         scene=scene, actuator=act, decay=decay, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
         predicted=work.predicted, t=t, span=h, h=h, h_implicit=theta * h, theta=theta,
         extrapolation_ratio=only_if(work.predicted, (1.0 - theta) / theta), tolerance=NEWTON_TOLERANCE,
-        W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
+        W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, part=None,
     )  # fmt: skip
-    solve_step(at)
-    advance(at)
+    step_trees(at)
 
 
 @inline
@@ -61,7 +59,7 @@ def _euler_workspace(sizes, zeros):
 
 
 def _midpoint_workspace(sizes, zeros):
-    return Implicit(scratch(sizes, zeros), zeros(2 * sizes.n + 13 * sizes.floating))
+    return Implicit(scratch(sizes, zeros), zeros(2 * sizes.n + 13 * sizes.bases))
 
 
 IMPLICIT_EULER = Integrator("implicit_euler", 1, _euler_workspace)

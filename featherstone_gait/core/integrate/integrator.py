@@ -22,7 +22,8 @@ class Sizes(NamedTuple):
     """Sizes on which the workspace of an integrator depends."""
 
     n: int  # joints
-    floating: bool
+    bodies: int
+    bases: int  # that have coordinates
     points: int  # contact points
     workspace: tuple[int, int]  # of the tree
     offsets: np.void  # STATE
@@ -104,5 +105,5 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
         zeros(sizes.workspace),
         zeros((JOINT_SCRATCH, max(sizes.n, 1))),
         zeros((max(sizes.points, 1), CONTACT_SCRATCH)),
-        zeros((sizes.n + 1, 6)),
+        zeros((sizes.bodies, 6)),
     )

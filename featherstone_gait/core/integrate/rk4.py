@@ -9,7 +9,7 @@ from ..compile.structure import structure
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.derivative import derivative
 from ..step.signals import inputs_over_step
-from ..tree.kinematics import unit_quaternion
+from ..tree.kinematics import unit_quaternions
 from .integrator import Integrator, scratch, take_step
 
 
@@ -28,7 +28,7 @@ def _evaluate(run, y, t, slope):
     at = Step(
         scene=scene, actuator=act, decay=None, offsets=offsets, y=y, tau=u.tau, drive=u.drive, predicted=None,
         t=t, span=h, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
+        tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, part=None,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -57,7 +57,7 @@ def rk4_step(work, run, y, t, theta):
             y[i] = start[i] + stage_step * slope[i]
     for i in range(n):
         y[i] = start[i] + (h / 6.0) * total[i]
-    unit_quaternion(run.scene.floating, run.offsets[0].base_q, y)
+    unit_quaternions(run.scene.floating, run.scene.trees, run.offsets[0].base_q, y)
 
 
 def _workspace(sizes, zeros):

@@ -2,7 +2,7 @@
 
 from ..compile.jit import entry, inline, kernel
 from ..compile.lanes import any_lane, as_lanes, invert, select
-from ..compile.optional import in_lanes, item, slice_if
+from ..compile.optional import in_lanes, item
 from ..compile.outside import read_now
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
@@ -11,6 +11,7 @@ from ..step.program import commanded, writes_torques
 from ..step.signals import EVENT_MARGIN, evaluate, time_of
 from ..tree.coupling import follow
 from ..tree.energy import center_of_floating
+from ..tree.forest import base_of, joint_count
 from ..tree.kinematics import quaternion_matrix
 from .integrator import take_step, thetas
 
@@ -134,14 +135,36 @@ def _fell(frames, run, offsets, y):
     """Return whether the center of mass is too low or the base tilted too far; False where no robot can fall."""
     fell = y[offsets.status] != y[offsets.status]
     if frames is not None:
-        plan, scene = run.plan, run.scene
-        base_q = slice_if(True, y, offsets.base_q, 7)
-        E, up = quaternion_matrix(base_q), plan.upright
-        fell = E[6] * up[0] + E[7] * up[1] + E[8] * up[2] < plan.min_upright
-        if any_lane(plan.min_height > NEVER):
-            q = slice_if(True, y, offsets.q, offsets.base_qd - offsets.q)
-            center = center_of_floating(scene.tree, base_q, q, frames)
-            fell = fell | (above_ground(scene.contact, center) < plan.min_height)
+        fell = _any_fell(run.scene.trees, frames, run, offsets, y)
+    return fell
+
+
+@inline
+def _any_fell(trees, frames, run, offsets, y):
+    if trees is None:
+        plan = run.plan
+        fell = _fallen(None, plan.min_height, plan.min_upright, plan.upright, frames, run.scene, offsets, y)
+    else:
+        fell = y[offsets.status] != y[offsets.status]
+        for k in range(len(trees)):
+            part = trees[k]
+            if part.falls > 0:
+                low = part.min_height + 0.0 * y[offsets.status]
+                up = (part.upright[0], part.upright[1], part.upright[2])
+                fell = fell | _fallen(part, low, part.min_upright, up, frames, run.scene, offsets, y)
+    return fell
+
+
+@inline
+def _fallen(part, min_height, min_upright, up, frames, scene, offsets, y):
+    """Return whether one robot has fallen."""
+    base_q = base_of(True, part, y, offsets.base_q, 7)
+    E = quaternion_matrix(base_q)
+    fell = E[6] * up[0] + E[7] * up[1] + E[8] * up[2] < min_upright
+    if any_lane(min_height > NEVER):
+        q = y[offsets.q : offsets.q + joint_count(scene.trees, scene.tree)]
+        center = center_of_floating(scene.tree, part, base_q, q, frames)
+        fell = fell | (above_ground(scene.contact, center) < min_height)
     return fell
 
 

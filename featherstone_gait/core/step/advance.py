@@ -1,4 +1,4 @@
-"""The end of a step, after its solution: move the state on, sum energies, measure chatter."""
+"""The linearly implicit step: solve it, then move the state on, sum energies, measure chatter."""
 
 from ..compile.by_type import overridable
 from ..compile.jit import inline
@@ -13,23 +13,52 @@ from ..effects.friction import move_friction
 from ..effects.gear_friction import GearFriction
 from ..effects.joint_spring import plus_spring
 from ..effects.stop import move_stop
+from ..tree.forest import base_of, is_fixed, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, move_base
-from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, rotor_speed, with_predicted
+from .context import of_tree
+from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, rotor_speed, solve_step, with_predicted
 
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
 
 @inline
+def step_trees(step):
+    """Take a linearly implicit step of all trees."""
+    solve_trees(step.scene.trees, step)
+    advance_trees(step.scene.trees, step)
+
+
+@inline
+def solve_trees(trees, step):
+    """Do what `solve_step` does for each tree; trees (trees,) TREE, None for one."""
+    if trees is None:
+        solve_step(step)
+    else:
+        for k in range(len(trees)):
+            solve_step(of_tree(step, trees[k]))
+
+
+@inline
+def advance_trees(trees, step):
+    """Do what `advance` does for each tree."""
+    if trees is None:
+        advance(step)
+    else:
+        for k in range(len(trees)):
+            advance(of_tree(step, trees[k]))
+
+
+@inline
 def advance(step):
     """Move the state over the step that `solve_step` has solved."""
-    n, y, offsets = len(step.scene.tree) - 1, step.y, step.offsets
+    y, offsets, (first, end) = step.y, step.offsets, joints_of(step.part, step.scene.tree)
     move_contacts(step.scene.contact, step)
-    for i in range(n):
+    for i in range(first, end):
         v = step.Z[VN, i]
         w = rotor_speed(rotor_of(step.actuator), step.Z, WN, i, v)
         _joint_energies(any_present(acting(step), step.tau), step, i, v, w)
         move_actuator(step.actuator, step, i, v, w)
-    for i in range(n):
+    for i in range(first, end):
         a = with_predicted(step.predicted, step.Z[DA, i], y[offsets.qdd + i])
         dv = step.h * a
         _watch(any_present(acting(step), step.scene.springs), offsets, y, i, dv)
@@ -44,11 +73,13 @@ def advance(step):
 def _advance_base(floating, step):
     """Move the position with the velocity v + h_implicit a, then the velocity to its end."""
     if floating is not None:
-        y, offsets = step.y, step.offsets
-        a, v = y[offsets.base_qdd : offsets.base_qdd + 6], y[offsets.base_qd : offsets.base_qd + 6]
-        x = y[offsets.base_q : offsets.base_q + 7]
+        if is_fixed(step.part):
+            return
+        y, offsets, part, (root, _) = step.y, step.offsets, step.part, rows_of(step.part, step.scene.tree)
+        a, v = base_of(True, part, y, offsets.base_qdd, 6), base_of(True, part, y, offsets.base_qd, 6)
+        x = base_of(True, part, y, offsets.base_q, 7)
         last = (a[0], a[1], a[2], a[3], a[4], a[5])
-        base_acceleration(a, step.W)
+        base_acceleration(root, a, step.W)
         for k in range(6):
             a[k] = with_predicted(step.predicted, a[k], last[k])
             v[k] += step.h_implicit * a[k]

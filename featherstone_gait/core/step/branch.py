@@ -6,6 +6,8 @@ from ..effects.contact import U0, UN, contact_branch, place_contacts
 from ..effects.friction import friction_branch
 from ..effects.gear_friction import GearFriction, gear_branch
 from ..effects.stop import stop_branch
+from ..tree.forest import joint_count, joints_of, points_of
+from .context import of_tree
 from .newton import VN, VP, WK, WN, loads, predict, rotor_speed
 
 GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, have no sum in common
@@ -15,7 +17,8 @@ GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, have no sum 
 def branches(contact, step):
     """Return a number that identifies the branches of the laws at the step's solution."""
     key = 0.0 * step.Z[VN, 0]
-    for i in range(len(step.scene.tree) - 1):
+    n = joint_count(step.scene.trees, step.scene.tree)
+    for i in range(n):
         v = step.Z[VN, i]
         w = rotor_speed(rotor_of(step.actuator), step.Z, WN, i, v)
         key = key + _weight(3 * i) * actuator_branch(step.actuator, step, i, v, w)
@@ -24,7 +27,7 @@ def branches(contact, step):
         key = key + _weight(3 * i + 2) * friction_branch(step.scene.friction, step, i, v, w)
     if contact is not None:
         for c in range(len(contact.points)):
-            key = key + _weight(3 * (len(step.scene.tree) - 1) + c) * contact_branch(contact, step, c)
+            key = key + _weight(3 * n + c) * contact_branch(contact, step, c)
     return key
 
 
@@ -37,17 +40,34 @@ def _and_that_of_loads(friction, step, i, v, w):
 @kernel
 def branches_at_start(contact, step):
     """Return the same for the start of a step of Euler's."""
+    _begin(step.scene.trees, contact, step)
+    return branches(contact, step)
+
+
+@inline
+def _begin(trees, contact, step):
+    if trees is None:
+        _begin_tree(contact, step)
+    else:
+        for k in range(len(trees)):
+            _begin_tree(contact, of_tree(step, trees[k]))
+
+
+@inline
+def _begin_tree(contact, step):
+    """Take the predicted velocities of a tree for those of the solution."""
     predict(step.predicted, rotor_of(step.actuator), step)
     place_contacts(contact, step.predicted, step)
-    for i in range(len(step.scene.tree) - 1):
+    first, end = joints_of(step.part, step.scene.tree)
+    for i in range(first, end):
         step.Z[VN, i], step.Z[WN, i] = step.Z[VP, i], step.Z[WK, i]
         before = step.h_implicit * step.y[step.offsets.qdd + i]
         step.Z[VP, i] = step.Z[VP, i] - before  # loads depend on the last acceleration
     if contact is not None:
-        for c in range(len(contact.points)):
+        point, end_point = points_of(step.part, contact.points)
+        for c in range(point, end_point):
             for k in range(3):
                 step.C[c, UN + k] = step.C[c, U0 + k]
-    return branches(contact, step)
 
 
 @inline

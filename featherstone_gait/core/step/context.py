@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compile.jit import inline
 from ..compile.structure import structure
 from ..effects.firmware import Firmware
 from .signals import Signals
@@ -36,6 +37,7 @@ class Scene(NamedTuple):
     supply: np.ndarray | None = None  # (1,) SUPPLY
     joint_springs: np.ndarray | None = None  # (n,) JOINT_SPRING
     lifts: np.ndarray | None = None  # (links,) PUSH, at all times, that bear weight
+    trees: np.ndarray | None = None  # (trees,) TREE of a scene of several trees
 
 
 @structure
@@ -71,7 +73,7 @@ class Scratch(NamedTuple):
     W: np.ndarray  # tree: see tree/layout.py
     Z: np.ndarray  # joints: see newton.py
     C: np.ndarray  # contact points: see effects/contact.py
-    F: np.ndarray  # pushes and springs (n + 1, 6)
+    F: np.ndarray  # pushes and springs (bodies, 6)
 
 
 @structure
@@ -115,3 +117,15 @@ class Step(NamedTuple):
     Z: np.ndarray
     C: np.ndarray
     F: np.ndarray
+    part: np.record | None  # TREE of the one of several trees that takes the step
+
+
+@inline
+def of_tree(step, part):
+    """Return the step as that of one of several trees."""
+    return Step(
+        scene=step.scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
+        drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
+        theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, part=part,
+    )  # fmt: skip

@@ -6,7 +6,7 @@ outputs of each evaluation.
 
 from ..compile.by_type import overridable
 from ..compile.jit import inline
-from ..compile.optional import item_or_zero, plus_item, slice_if
+from ..compile.optional import item_or_zero, plus_item
 from ..effects.actuator import actuator_rates
 from ..effects.contact import contact_rates
 from ..effects.energies import ENERGIES, WORK
@@ -15,19 +15,37 @@ from ..effects.friction import direction, friction_rates
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.joint_spring import plus_spring
 from ..effects.stop import stop_rates
+from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
+from .context import of_tree
 from .newton import CJ, DIAGONAL, TAU, accelerations, external_forces
 
 
 @inline
 def derivative(step, dy):
     """Fill dy, zero to begin with, up to the voltages; also torque, contact force and accelerations in y."""
-    scene, y, offsets, n = step.scene, step.y, step.offsets, len(step.scene.tree) - 1
-    bq, bv = slice_if(scene.floating, y, offsets.base_q, 7), slice_if(scene.floating, y, offsets.base_qd, 6)
+    _derivatives(step.scene.trees, step, dy)
+
+
+@inline
+def _derivatives(trees, step, dy):
+    if trees is None:
+        _derivative(step, dy)
+    else:
+        for k in range(len(trees)):
+            _derivative(of_tree(step, trees[k]), dy)
+
+
+@inline
+def _derivative(step, dy):
+    """Do so for the numbers of one tree."""
+    scene, part, y, offsets = step.scene, step.part, step.y, step.offsets
+    n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
+    bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     q, v, a = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
-    motion_pass(scene.tree, scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
-    for i in range(n):
+    motion_pass(scene.tree, part, scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
+    for i in range(first, end):
         speed = v[i]
         T, Tf = _drive_and_friction(scene.friction, step, dy, i, speed)
         T = plus_item(T, step.tau, i)
@@ -40,7 +58,7 @@ def derivative(step, dy):
     external_forces(scene.push, scene.springs, scene.lifts, step)
     accelerations(_armature(scene.friction, step), scene.contact, step, a)
     _friction_of_acceleration(scene.friction, step, dy)
-    for i in range(n):
+    for i in range(first, end):
         dy[offsets.q + i] = v[i]
         dy[offsets.qd + i] = a[i]
     _base_rates(bq, bv, step, dy)
@@ -50,13 +68,15 @@ def derivative(step, dy):
 def _base_rates(bq, bv, step, dy):
     """Set dx/dt = v, dquaternion/dt = 1/2 quaternion omega."""
     if bq is not None:
-        offsets, a = step.offsets, step.y[step.offsets.base_qdd : step.offsets.base_qdd + 6]
-        base_acceleration(a, step.W)
+        part, (root, _), base = step.part, rows_of(step.part, step.scene.tree), base_index(step.part)
+        a = base_of(True, part, step.y, step.offsets.base_qdd, 6)
+        position, speed = step.offsets.base_q + 7 * base, step.offsets.base_qd + 6 * base
+        base_acceleration(root, a, step.W)
         for k in range(3):
-            dy[offsets.base_q + k] = bv[k]
-        quaternion_rate(bq, bv, dy[offsets.base_q + 3 : offsets.base_q + 7])
+            dy[position + k] = bv[k]
+        quaternion_rate(bq, bv, dy[position + 3 : position + 7])
         for k in range(6):
-            dy[offsets.base_qd + k] = a[k]
+            dy[speed + k] = a[k]
 
 
 @overridable
@@ -98,6 +118,7 @@ def _friction_of_acceleration(friction, step, dy):
 
 @_friction_of_acceleration.of(GearFriction)
 def _its_power(friction, step, dy):
-    for i in range(len(friction.table)):
+    first, end = joints_of(step.part, step.scene.tree)
+    for i in range(first, end):
         share = step.Z[CJ, i] * item_or_zero(step.scene.armature, i) * step.y[step.offsets.qdd + i]
         dy[step.offsets.energy + ENERGIES * i + LOSS] -= share * step.y[step.offsets.qd + i]

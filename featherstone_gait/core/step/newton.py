@@ -26,7 +26,7 @@ forces of couplings do no work along a pass: neither its slope nor what is compa
 from ..compile.by_type import overridable
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
-from ..compile.optional import any_present, item_or_zero, only_if, plus_item, slice_if
+from ..compile.optional import any_present, item_or_zero, only_if, plus_item
 from ..effects.actuator import actuator_force, rotor_of
 from ..effects.contact import (
     compare_contacts,
@@ -45,6 +45,7 @@ from ..effects.push import add_pushes
 from ..effects.spring import add_springs
 from ..effects.stop import stop_torque
 from ..tree.aba import acceleration_pass, articulated_pass, constrain
+from ..tree.forest import base_count, base_index, base_of, joint_count, joints_of
 from ..tree.kinematics import motion_pass, move_base
 from ..tree.layout import Motion
 
@@ -150,31 +151,32 @@ def _find_velocities(forces, rotor, contact, step):
 @kernel
 def predict(predicted, rotor, step):
     """Fill W and Z with poses, velocities and bias at the predicted state; the iteration starts there."""
-    y, offsets, Z = step.y, step.offsets, step.Z
-    n = len(step.scene.tree) - 1
-    bq, bv = slice_if(step.scene.floating, y, offsets.base_q, 7), slice_if(step.scene.floating, y, offsets.base_qd, 6)
+    scene, part, y, offsets, Z = step.scene, step.part, step.y, step.offsets, step.Z
+    n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
+    bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
     if predicted is None:
-        motion_pass(step.scene.tree, step.scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
-        for i in range(n):
+        motion_pass(scene.tree, part, scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
+        for i in range(first, end):
             Z[VP, i] = v[i]
     else:
         a = y[offsets.qdd : offsets.qdd + n]
-        for i in range(n):
+        for i in range(first, end):
             predicted[n + i] = v[i] + step.h_implicit * a[i]
             predicted[i] = q[i] + step.h_implicit * predicted[n + i]
             Z[VP, i] = predicted[n + i]
-        ba = slice_if(step.scene.floating, y, offsets.base_qdd, 6)
-        _predict_base(bq, bv, ba, predicted, 2 * n, step.h_implicit)
-        bq = slice_if(step.scene.floating, predicted, 2 * n, 7)
-        bv = slice_if(step.scene.floating, predicted, 2 * n + 7, 6)
+        ba, speeds = base_of(scene.floating, part, y, offsets.base_qdd, 6), 2 * n + 7 * base_count(scene.trees)
+        at = base_index(part)
+        _predict_base(bq, bv, ba, predicted, 2 * n + 7 * at, speeds + 6 * at, step.h_implicit)
+        bq = base_of(scene.floating, part, predicted, 2 * n, 7)
+        bv = base_of(scene.floating, part, predicted, speeds, 6)
         motion = Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a)
-        motion_pass(step.scene.tree, step.scene.gravity, motion, step.W)
-    for i in range(n):
+        motion_pass(scene.tree, part, scene.gravity, motion, step.W)
+    for i in range(first, end):
         Z[VK, i] = Z[VP, i]
         if rotor is not None:
             Z[WK, i] = y[offsets.rotor_speed + i]
-    _begin_friction(step.scene.friction, step)
+    _begin_friction(scene.friction, step)
 
 
 @overridable
@@ -184,16 +186,18 @@ def _begin_friction(friction, step):
 
 @_begin_friction.of(GearFriction)
 def _fill_stribeck(friction, step):
-    for i in range(len(friction.table)):
+    first, end = joints_of(step.part, step.scene.tree)
+    for i in range(first, end):
         step.Z[STRIBECK, i] = stribeck(friction.table[i], step.Z[VP, i])
 
 
 @inline
-def _predict_base(bq, bv, ba, predicted, start, h_implicit):
+def _predict_base(bq, bv, ba, predicted, position, speed, h_implicit):
+    """Fill position (7,) and velocity (6,) of a base, which start at these indices of `predicted`."""
     if bq is not None:
         for k in range(6):
-            predicted[start + 7 + k] = bv[k] + h_implicit * ba[k]
-        move_base(bq, predicted[start + 7 : start + 13], h_implicit, predicted[start : start + 7])
+            predicted[speed + k] = bv[k] + h_implicit * ba[k]
+        move_base(bq, predicted[speed : speed + 6], h_implicit, predicted[position : position + 7])
 
 
 # ---------------------------------------------------------------------------------------------- forces of a joint
@@ -268,12 +272,12 @@ def rotor_speed(rotor, Z, row, i, otherwise):
 @inline
 def _solve_free(armature, predicted, step):
     """Solve for bodies on which nothing acts; Z[TAU] is zero to begin with."""
-    Z, n = step.Z, len(step.scene.tree) - 1
+    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
     if armature is not None and predicted is not None:
-        for i in range(n):
+        for i in range(first, end):
             Z[TAU, i] = -armature[i] * step.y[step.offsets.qdd + i]
     accelerations(armature, None, step, Z[DA])
-    for i in range(n):
+    for i in range(first, end):
         Z[VN, i] = Z[VP, i] + step.h_implicit * Z[DA, i]
     step.y[step.offsets.newton_iterations] = step.y[step.offsets.newton_iterations] + 1.0
 
@@ -281,19 +285,20 @@ def _solve_free(armature, predicted, step):
 @inline
 def accelerations(diagonal, contact, step, qdd):
     """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
-    base_q = slice_if(step.scene.floating, step.y, step.offsets.base_q, 7)
-    external = any_present(step.scene.push, any_present(step.scene.springs, step.scene.lifts))
+    scene, part = step.scene, step.part
+    base_q = base_of(scene.floating, part, step.y, step.offsets.base_q, 7)
+    external = any_present(scene.push, any_present(scene.springs, scene.lifts))
     wrench = only_if(external, step.F)
-    articulated_pass(step.scene.tree, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
-    constrain(step.scene.coupling, base_q, contact, step.scene.tree, step.W)
-    acceleration_pass(step.scene.tree, step.W, qdd)
+    articulated_pass(scene.tree, part, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
+    constrain(scene.coupling, part, base_q, contact, scene.tree, step.W)
+    acceleration_pass(scene.tree, part, step.W, qdd)
 
 
 @kernel
 def _linearize(rotor, step):
     """Linearize the forces about VK, WK and eliminate the rotor: T = T0 - CJ v."""
-    Z = step.Z
-    for i in range(len(step.scene.tree) - 1):
+    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
+    for i in range(first, end):
         v, w = Z[VK, i], Z[WK, i]
         T, F, c, cg, cr, ct = joint_force(step.scene.friction, step, i, v, w)
         Z[T0, i] = T + c * v
@@ -314,8 +319,8 @@ def _linearize(rotor, step):
 @kernel
 def _solve_linear(armature, predicted, rotor, step):
     """Solve the linear model by one ABA; fill velocities and the model's forces at its solution."""
-    Z, n = step.Z, len(step.scene.tree) - 1
-    for i in range(n):
+    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
+    for i in range(first, end):
         Z[TAU, i] = Z[T0, i] - Z[CJ, i] * Z[VP, i]
         Z[DIAGONAL, i] = step.h_implicit * Z[CJ, i]
         if armature is not None:
@@ -324,7 +329,7 @@ def _solve_linear(armature, predicted, rotor, step):
                 Z[TAU, i] = Z[TAU, i] - armature[i] * step.y[step.offsets.qdd + i]
     fold_contacts(step.scene.contact, step, step.h_implicit)
     accelerations(Z[DIAGONAL], step.scene.contact, step, Z[DA])
-    for i in range(n):
+    for i in range(first, end):
         v = Z[VP, i] + step.h_implicit * Z[DA, i]
         Z[VN, i] = v
         Z[TL, i] = Z[T0, i] - Z[CJ, i] * v
@@ -341,10 +346,10 @@ def _solve_linear(armature, predicted, rotor, step):
 @kernel
 def _compare(rotor, contact, step):
     """Return where the forces at the solution differ from the linear model's, and the slope of the descent there."""
-    Z = step.Z
+    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
     slope = 0.0 * Z[VN, 0]
     wrong = slope > 1.0
-    for i in range(len(step.scene.tree) - 1):
+    for i in range(first, end):
         v, w = Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0)
         T, F, _, _, _, _ = joint_force(step.scene.friction, step, i, v, w)
         least = FLOOR + select(Z[CJ, i] > STEEPEST, ROUNDING * (Z[CJ, i] * abs(v)), 0.0 * v)
@@ -371,8 +376,8 @@ def _line_search(rotor, contact, step, rising):
 @kernel
 def _slope(rotor, contact, step, fraction):
     """Return the slope of the convex function at a fraction of the pass: inertial less applied force."""
-    Z, slope = step.Z, 0.0 * fraction
-    for i in range(len(step.scene.tree) - 1):
+    Z, slope, (first, end) = step.Z, 0.0 * fraction, joints_of(step.part, step.scene.tree)
+    for i in range(first, end):
         p = Z[VN, i] - Z[VK, i]
         pw = rotor_speed(rotor, Z, WN, i, 0.0) - rotor_speed(rotor, Z, WK, i, 0.0)
         w = rotor_speed(rotor, Z, WK, i, 0.0) + fraction * pw
@@ -386,8 +391,8 @@ def _slope(rotor, contact, step, fraction):
 @kernel
 def _advance(rotor, contact, step, fraction, active):
     """Move the iterate by a fraction of the pass, in the lanes still at work."""
-    Z = step.Z
-    for i in range(len(step.scene.tree) - 1):
+    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
+    for i in range(first, end):
         here = Z[VK, i]
         _shift(Z, VK, VN, i, fraction, active)
         v = snap_to_rest(step.scene.friction, step, i, Z[VK, i], here, Z[VN, i])
@@ -396,7 +401,7 @@ def _advance(rotor, contact, step, fraction, active):
         if rotor is not None:
             _shift(Z, WK, WN, i, fraction, active)
             _shift(Z, RW, FLW, i, fraction, active)
-    shift_contacts(contact, step.C, fraction, active)
+    shift_contacts(contact, step, fraction, active)
 
 
 @inline

@@ -23,7 +23,7 @@ from ..effects.energies import ENERGIES
 from .pace import PACE
 
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
-Of = Literal["base", "joint", "servo", "rotor", "point", "run", "profile", "delay", "fed", "source"]
+Of = Literal["base", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source"]
 
 
 class Channel(NamedTuple):
@@ -31,7 +31,7 @@ class Channel(NamedTuple):
 
     name: str
     kind: Kind
-    of: Of  # what has it: the floating base, each joint, each joint with a servo or rotor, each contact point, the run,
+    of: Of  # what has it: each floating base, joint, joint with a servo or rotor, contact point, tree, the run,
     # the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do
     width: int  # numbers each
     unit: str
@@ -55,7 +55,7 @@ CHANNELS = (
     Channel("filtered_speed", "controlled", "servo", 1, "rad/s or m/s", "joint velocities as the controller sees them"),
     Channel("tangential_deflection", "controlled", "point", 2, "m", "tangential deflection of a contact", _FORCE[1:]),
     Channel("energy", "integrated", "joint", ENERGIES, "J", "where the energy of a joint went", _WORKS),
-    Channel("contact_work", "integrated", "run", 1, "J", "work of the ground on the robot"),
+    Channel("contact_work", "integrated", "tree", 1, "J", "work of the ground on the robot"),
     Channel("source_loss", "integrated", "source", 1, "J", "what the resistance of the supply took"),
     Channel("voltage", "held", "servo", 1, "V", "motor voltages"),
     Channel("integral", "held", "servo", 1, "rad s or rad", "integral of the controller's error"),
@@ -111,5 +111,12 @@ def parts(offsets: Mapping[str, int]) -> dict[str, tuple[int, int]]:
 
 def shaped(channel: Channel, values: np.ndarray) -> np.ndarray:
     """Return recorded numbers (samples, all) in their natural shape: several of a joint or point get an axis."""
-    several = channel.width > 1 and channel.of not in ("base", "run")
-    return values.reshape(len(values), -1, channel.width) if several else values
+    return values.reshape(len(values), -1, channel.width) if several(channel, values.shape[1]) else values
+
+
+def several(channel: Channel, size: int) -> bool:
+    """Return whether `size` numbers of a channel are several for each of what has it, which get an axis of their own.
+
+    Those of the only base have none.
+    """
+    return channel.width > 1 and channel.of != "run" and (channel.of != "base" or size > channel.width)

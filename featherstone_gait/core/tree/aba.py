@@ -16,6 +16,7 @@ poses, velocities and a_i, is `motion_pass` (kinematics.py).
 from ..compile.jit import inline, kernel
 from ..compile.optional import plus_item
 from .coupling import couple
+from .forest import is_fixed, rows_of
 from .joint import accelerate, project
 from .kinematics import base_acceleration, motion_pass
 from .layout import DINV, SF, SH, SJ, SM, TOUCH, UU, R, U
@@ -30,24 +31,25 @@ def aba(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
     robot a `Robot`; motion a `Motion` without accelerations; base_tau (6,) [N; N m] or None; tau (n,) [N m or N];
     wrench (n+1, 6) external [moment; force] about the common origin, world axes [N m; N] or None; W workspace.
     """
-    motion_pass(robot.tree, robot.gravity, motion, W)  # pass 1
-    articulated_pass(robot.tree, motion.base_q, base_tau, tau, robot.armature, wrench, None, W)
-    constrain(robot.coupling, motion.base_q, None, robot.tree, W)
-    acceleration_pass(robot.tree, W, qdd)
-    base_acceleration(base_qdd, W)
+    motion_pass(robot.tree, None, robot.gravity, motion, W)  # pass 1
+    articulated_pass(robot.tree, None, motion.base_q, base_tau, tau, robot.armature, wrench, None, W)
+    constrain(robot.coupling, None, motion.base_q, None, robot.tree, W)
+    acceleration_pass(robot.tree, None, W, qdd)
+    base_acceleration(0, base_qdd, W)
 
 
 # ------------------------------------------------------------------------- pass 2, tips to root: IA, pA, U, D and u
 
 
 @kernel
-def articulated_pass(tree, base_q, base_tau, tau, armature, wrench, contact, W):
-    """Fill U, 1/D and u of every joint, tips to root, and dA of the root in its U columns.
+def articulated_pass(tree, part, base_q, base_tau, tau, armature, wrench, contact, W):
+    """Fill U, 1/D and u of every joint of a tree, tips to root, and dA of the root in its U columns.
 
     `contact` None leaves the bodies' contact rows out of account.
     """
-    for k in range(1, len(tree)):
-        i = len(tree) - k
+    root, end = rows_of(part, tree)
+    for k in range(1, end - root):
+        i = end - k
         b = tree[i]
         J, H, M, n, f = _articulated_body(b, i, wrench, contact, W)
         Un, Uf, D, Sp = project(b, i, J, H, M, n, f, W)
@@ -58,7 +60,7 @@ def articulated_pass(tree, base_q, base_tau, tau, armature, wrench, contact, W):
         W[i, DINV] = Dinv
         W[i, UU] = u
         _to_parent(tree[b.parent].slot, b.last, (J, H, M), (n, f), (Un, Uf), Dinv, u, W)
-    _root(tree, base_q, base_tau, wrench, contact, W)
+    _root(tree, part, base_q, base_tau, wrench, contact, W)
 
 
 @inline
@@ -130,42 +132,48 @@ def _accumulate_symmetric(W, slot, k, first, J, V, U):
 
 
 @inline
-def _root(tree, base_q, base_tau, wrench, contact, W):
+def _root(tree, part, base_q, base_tau, wrench, contact, W):
     """Set dA of the root: zero for the world, the solution of IA dA = -pA for a floating base."""
+    root, _ = rows_of(part, tree)
     if base_q is None:
-        store3(W, 0, U, (0.0, 0.0, 0.0))
-        store3(W, 0, U + 3, (0.0, 0.0, 0.0))
+        store3(W, root, U, (0.0, 0.0, 0.0))
+        store3(W, root, U + 3, (0.0, 0.0, 0.0))
+    elif is_fixed(part):
+        for k in range(6):
+            W[root, U + k] = 0.0
     else:
-        J, H, M, n, f = _articulated_body(tree[0], 0, wrench, contact, W)
+        J, H, M, n, f = _articulated_body(tree[root], root, wrench, contact, W)
         if base_tau is not None:
-            n = sub(n, rotate(load9(W, 0, R), (base_tau[3], base_tau[4], base_tau[5])))
+            n = sub(n, rotate(load9(W, root, R), (base_tau[3], base_tau[4], base_tau[5])))
             f = sub(f, (base_tau[0], base_tau[1], base_tau[2]))
         dA = solve6(J, H, M, n, f)
         for k in range(6):
-            W[0, U + k] = -dA[k]
+            W[root, U + k] = -dA[k]
 
 
 @inline
-def constrain(coupling, base_q, contact, tree, W):
+def constrain(coupling, part, base_q, contact, tree, W):
     """Make followers go with their leaders (coupling.py); call it between the two passes.
 
-    `coupling` None: there are none; base_q and contact as the first pass had them.
+    `coupling` None: there are none; part, base_q and contact as the first pass had them.
     """
     if coupling is not None:
         if base_q is None:
-            couple(None, coupling, tree, W)
+            couple(None, coupling, part, tree, W)
         else:
-            J, H, M, _, _ = _articulated_body(tree[0], 0, None, contact, W)
-            couple((J, H, M), coupling, tree, W)
+            root, _ = rows_of(part, tree)
+            J, H, M, _, _ = _articulated_body(tree[root], root, None, contact, W)
+            couple((J, H, M), coupling, part, tree, W)
 
 
 # ------------------------------------------------------------------------- pass 3, root to tips: qdd and dA
 
 
 @kernel
-def acceleration_pass(tree, W, qdd):
-    """Fill qdd, root to tips; dA replaces U."""
-    for i in range(1, len(tree)):
+def acceleration_pass(tree, part, W, qdd):
+    """Fill qdd of a tree's joints, root to tips; dA replaces U."""
+    root, end = rows_of(part, tree)
+    for i in range(root + 1, end):
         b = tree[i]
         dn, df = load3(W, b.parent, U), load3(W, b.parent, U + 3)
         a = (W[i, UU] - (dot(load3(W, i, U), dn) + dot(load3(W, i, U + 3), df))) * W[i, DINV]

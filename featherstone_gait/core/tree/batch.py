@@ -67,7 +67,7 @@ def measures_rows(robot, motion, W, energies, centers, momenta):
     """Fill energy (n, 2), center of mass and its velocity (n, 6) and momentum (n, 6) of each state."""
     for i in range(len(energies)):
         at = _row(motion, i)
-        motion_pass(robot.tree, robot.gravity, at, W[0])
+        motion_pass(robot.tree, None, robot.gravity, at, W[0])
         energy(robot.tree, at.base_q, at.qd, robot.armature, robot.gravity, W[0], energies[i])
         center_of_mass(robot.tree, at.base_q, W[0], centers[i])
         momentum(robot.tree, at.base_q, W[0], momenta[i])
@@ -77,7 +77,7 @@ def measures_rows(robot, motion, W, energies, centers, momenta):
 def poses_rows(robot, motion, W, poses):
     """Fill the poses (n, bodies, 12) of each state: rotation row by row, then the position from the base [m]."""
     for i in range(len(poses)):
-        motion_pass(robot.tree, robot.gravity, _row(motion, i), W[0])
+        motion_pass(robot.tree, None, robot.gravity, _row(motion, i), W[0])
         for k in range(len(robot.tree)):
             for c in range(12):
                 poses[i, k, c] = W[0, k, c]

@@ -19,6 +19,7 @@ which `follow` takes away.
 
 from ..compile.jit import inline, kernel
 from ..compile.structure import record
+from .forest import couplings_of, is_fixed, rows_of
 from .joint import along
 from .layout import COLUMNS, DINV, UU, U
 from .spatial import add, load3, scale, solve6, store3
@@ -40,52 +41,55 @@ SIZE = 12  # its product with itself
 
 
 @inline
-def couple(root, coupling, tree, W):
-    """Let u and dA of the root, which `articulated_pass` has left, lead to accelerations that meet all couplings.
+def couple(inertia, coupling, part, tree, W):
+    """Let u and dA of the root, which `articulated_pass` has left, lead to accelerations that meet a tree's couplings.
 
-    root: articulated inertia (J, H, M) of a floating base, None of a fixed one.
+    inertia: the articulated one (J, H, M) of a floating base, None of a fixed one.
     """
-    for c in range(len(coupling)):
-        _respond(root, coupling[c], COLUMNS + c, tree, W)
+    rows, (first, end) = rows_of(part, tree), couplings_of(part, coupling)
+    for c in range(first, end):
+        _respond(inertia, coupling[c], COLUMNS + c, part, tree, W)
         row = coupling[c].row
-        for j in range(c):
+        for j in range(first, c):
             other = coupling[j].row
-            a = _product(len(tree), (other, COLUMNS + j), (row, DA, COLUMNS + c), W) / W[other, SIZE]
-            _take(len(tree), a, (other, COLUMNS + j), (row, DA, COLUMNS + c), W)
+            a = _product(rows, (other, COLUMNS + j), (row, DA, COLUMNS + c), W) / W[other, SIZE]
+            _take(rows, a, (other, COLUMNS + j), (row, DA, COLUMNS + c), W)
             for k in range(6):
                 W[row, ROOT + k] -= a * W[other, ROOT + k]
-        W[row, SIZE] = _product(len(tree), (row, COLUMNS + c), (row, DA, COLUMNS + c), W)
-        a = _product(len(tree), (row, COLUMNS + c), (0, U, UU), W) / W[row, SIZE]
-        _take(len(tree), a, (row, COLUMNS + c), (0, U, UU), W)
+        W[row, SIZE] = _product(rows, (row, COLUMNS + c), (row, DA, COLUMNS + c), W)
+        a = _product(rows, (row, COLUMNS + c), (rows[0], U, UU), W) / W[row, SIZE]
+        _take(rows, a, (row, COLUMNS + c), (rows[0], U, UU), W)
 
 
 @inline
-def _respond(root, k, column, tree, W):
+def _respond(inertia, k, column, part, tree, W):
     """Fill what a torque of the coupling k leaves: u of the joints, and force and acceleration of the root."""
-    for i in range(1, len(tree)):
+    root, end = rows_of(part, tree)
+    for i in range(root + 1, end):
         W[i, column] = 0.0
     for i in range(DA + 6):
         W[k.row, i] = 0.0
-    _push(tree, k.body, 1.0, column, k.row, W)
-    _push(tree, k.leader, -k.multiplier, column, k.row, W)
-    if root is not None:
-        J, H, M = root
-        a = solve6(J, H, M, load3(W, k.row, ROOT), load3(W, k.row, ROOT + 3))
-        store3(W, k.row, DA, (-a[0], -a[1], -a[2]))
-        store3(W, k.row, DA + 3, (-a[3], -a[4], -a[5]))
+    _push(tree, root, k.body, 1.0, column, k.row, W)
+    _push(tree, root, k.leader, -k.multiplier, column, k.row, W)
+    if inertia is not None:
+        J, H, M = inertia
+        if not is_fixed(part):
+            a = solve6(J, H, M, load3(W, k.row, ROOT), load3(W, k.row, ROOT + 3))
+            store3(W, k.row, DA, (-a[0], -a[1], -a[2]))
+            store3(W, k.row, DA + 3, (-a[3], -a[4], -a[5]))
 
 
 @kernel
-def _push(tree, i, torque, column, row, W):
+def _push(tree, root, i, torque, column, row, W):
     """Add what a torque on the joint of body i leaves on its way to the root."""
     u = torque + 0.0 * W[i, DINV]
     n, f = (0.0 * u, 0.0 * u, 0.0 * u), (0.0 * u, 0.0 * u, 0.0 * u)
-    while i > 0:
+    while i > root:
         W[i, column] += u
         x = u * W[i, DINV]
         n, f = add(n, scale(load3(W, i, U), x)), add(f, scale(load3(W, i, U + 3), x))
         i = tree[i].parent
-        if i > 0:
+        if i > root:
             u = -along(tree[i], i, n, f, W)
     for k in range(3):
         W[row, ROOT + k] += n[k]
@@ -93,25 +97,25 @@ def _push(tree, i, torque, column, row, W):
 
 
 @kernel
-def _product(n, coupling, other, W):
+def _product(rows, coupling, other, W):
     """Return e' A^-1 t of a coupling (row, column) and of what left u in a column and dA in (row, first)."""
-    (row, column), (root, first, u) = coupling, other
+    (row, column), (other_row, first, u) = coupling, other
     total = 0.0 * W[row, ROOT]
-    for i in range(1, n):
+    for i in range(rows[0] + 1, rows[1]):
         total = total + W[i, column] * W[i, u] * W[i, DINV]
     for k in range(6):
-        total = total - W[row, ROOT + k] * W[root, first + k]
+        total = total - W[row, ROOT + k] * W[other_row, first + k]
     return total
 
 
 @kernel
-def _take(n, a, coupling, other, W):
+def _take(rows, a, coupling, other, W):
     """Take `a` times a coupling from what left u and dA: arguments as of `_product`."""
-    (row, column), (root, first, u) = coupling, other
-    for i in range(1, n):
+    (row, column), (other_row, first, u) = coupling, other
+    for i in range(rows[0] + 1, rows[1]):
         W[i, u] -= a * W[i, column]
     for k in range(6):
-        W[root, first + k] -= a * W[row, DA + k]
+        W[other_row, first + k] -= a * W[row, DA + k]
 
 
 @inline

@@ -14,7 +14,7 @@ def crba(robot, motion, W, H):
 
     robot a `Robot`, motion a `Motion`, on whose velocities the poses do not depend.
     """
-    motion_pass(robot.tree, robot.gravity, motion, W)
+    motion_pass(robot.tree, None, robot.gravity, motion, W)
     _columns(robot.tree, motion.base_q, robot.armature, W, H)
 
 

@@ -1,6 +1,7 @@
 """Energy, momentum and center of mass from the poses and velocities that `motion_pass` left in the workspace."""
 
 from ..compile.jit import inline, kernel
+from .forest import rows_of
 from .joint import joint_pose
 from .kinematics import quaternion_matrix
 from .layout import P, R, V
@@ -57,12 +58,13 @@ def center_of_mass(tree, base_q, W, out):
 
 
 @kernel
-def center_of_floating(tree, base_q, q, W):
-    """Return the center of mass [m] of a floating robot by positions alone; fill R and P of every row."""
-    store3(W, 0, P, (0.0, 0.0, 0.0))
-    store9(W, 0, R, quaternion_matrix(base_q))
-    mass, x = tree[0].m, scale(point_position(0, tree[0].c, W), tree[0].m)
-    for i in range(1, len(tree)):
+def center_of_floating(tree, part, base_q, q, W):
+    """Return the center of mass [m] of a floating robot by positions alone; fill R and P of its rows."""
+    root, end = rows_of(part, tree)
+    store3(W, root, P, (0.0, 0.0, 0.0))
+    store9(W, root, R, quaternion_matrix(base_q))
+    mass, x = tree[root].m, scale(point_position(root, tree[root].c, W), tree[root].m)
+    for i in range(root + 1, end):
         b = tree[i]
         joint_pose(b, i, q[b.dof], W)
         mass += b.m

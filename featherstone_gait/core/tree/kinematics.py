@@ -7,46 +7,51 @@ plus the joint's.  `A` is the true acceleration less gravity, so that weight ent
 from ..compile.jit import inline, kernel
 from ..compile.lanes import sqrt
 from ..compile.optional import item
+from .forest import base_count, rows_of
 from .joint import joint_motion, joint_pose
 from .layout import A, P, R, U, V
 from .spatial import add, cross, load3, load9, rotate, rotate_back, store3, store9, sub
 
 
 @kernel
-def motion_pass(tree, gravity, motion, W):
-    """Fill R, P, V and A of every row; tree (n+1,) BODY, gravity (3,) [m/s^2], motion a `Motion`."""
-    _root(motion.base_q, motion.base_qd, motion.base_qdd, gravity, W)
-    for i in range(1, len(tree)):
+def motion_pass(tree, part, gravity, motion, W):
+    """Fill R, P, V and A of every row of a tree.
+
+    tree (n+1,) BODY, part TREE or None, gravity (3,) [m/s^2], motion a `Motion`, of the tree's base and of all joints.
+    """
+    root, end = rows_of(part, tree)
+    _root(root, motion.base_q, motion.base_qd, motion.base_qdd, gravity, W)
+    for i in range(root + 1, end):
         b = tree[i]
         joint_pose(b, i, motion.q[b.dof], W)
         joint_motion(b, i, motion.qd[b.dof], item(motion.qdd, b.dof), W)
 
 
 @inline
-def _root(base_q, base_qd, base_qdd, gravity, W):
-    """Fill row 0: the world, or the floating base."""
+def _root(root, base_q, base_qd, base_qdd, gravity, W):
+    """Fill the root's row: the world, or the floating base."""
     up = (-gravity[0], -gravity[1], -gravity[2])
-    store3(W, 0, P, (0.0, 0.0, 0.0))
+    store3(W, root, P, (0.0, 0.0, 0.0))
     if base_q is None:
-        store9(W, 0, R, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
-        store3(W, 0, V, (0.0, 0.0, 0.0))
-        store3(W, 0, V + 3, (0.0, 0.0, 0.0))
-        store3(W, 0, A, (0.0, 0.0, 0.0))
-        store3(W, 0, A + 3, up)
+        store9(W, root, R, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
+        store3(W, root, V, (0.0, 0.0, 0.0))
+        store3(W, root, V + 3, (0.0, 0.0, 0.0))
+        store3(W, root, A, (0.0, 0.0, 0.0))
+        store3(W, root, A + 3, up)
     else:
         E = quaternion_matrix(base_q)
         v = (base_qd[0], base_qd[1], base_qd[2])
         w = rotate(E, (base_qd[3], base_qd[4], base_qd[5]))
-        store9(W, 0, R, E)
-        store3(W, 0, V, w)
-        store3(W, 0, V + 3, v)
+        store9(W, root, R, E)
+        store3(W, root, V, w)
+        store3(W, root, V + 3, v)
         linear = sub(up, cross(w, v))  # of the spatial acceleration: the origin's less w x v
         if base_qdd is None:
-            store3(W, 0, A, (0.0, 0.0, 0.0))
-            store3(W, 0, A + 3, linear)
+            store3(W, root, A, (0.0, 0.0, 0.0))
+            store3(W, root, A + 3, linear)
         else:
-            store3(W, 0, A, rotate(E, (base_qdd[3], base_qdd[4], base_qdd[5])))
-            store3(W, 0, A + 3, add(linear, (base_qdd[0], base_qdd[1], base_qdd[2])))
+            store3(W, root, A, rotate(E, (base_qdd[3], base_qdd[4], base_qdd[5])))
+            store3(W, root, A + 3, add(linear, (base_qdd[0], base_qdd[1], base_qdd[2])))
 
 
 @inline
@@ -68,15 +73,15 @@ def quaternion_matrix(base_q):
 
 
 @inline
-def base_acceleration(base_qdd, W):
-    """Write the floating base's dA, found in the U columns of row 0, as [dv/dt (world); d omega/dt (body)].
+def base_acceleration(root, base_qdd, W):
+    """Write the floating base's dA, found in the U columns of the root's row, as [dv/dt (world); d omega/dt (body)].
 
     base_qdd None: the base is fixed.
     """
     if base_qdd is not None:
-        alpha = rotate_back(load9(W, 0, R), load3(W, 0, U))
+        alpha = rotate_back(load9(W, root, R), load3(W, root, U))
         for k in range(3):
-            base_qdd[k] = W[0, U + 3 + k]
+            base_qdd[k] = W[root, U + 3 + k]
             base_qdd[3 + k] = alpha[k]
 
 
@@ -110,10 +115,11 @@ def quaternion_rate(bq, bv, out):
 
 
 @inline
-def unit_quaternion(floating, start, y):
-    """Bring the quaternion of a floating base, whose position starts at y[start], back to length 1."""
+def unit_quaternions(floating, trees, start, y):
+    """Bring the quaternions of the floating bases, whose positions start at y[start], back to length 1."""
     if floating is not None:
-        k = start + 3
-        r = 1.0 / sqrt(y[k] * y[k] + y[k + 1] * y[k + 1] + y[k + 2] * y[k + 2] + y[k + 3] * y[k + 3])
-        for i in range(4):
-            y[k + i] = y[k + i] * r
+        for base in range(base_count(trees)):
+            k = start + 7 * base + 3
+            r = 1.0 / sqrt(y[k] * y[k] + y[k + 1] * y[k + 1] + y[k + 2] * y[k + 2] + y[k + 3] * y[k + 3])
+            for i in range(4):
+                y[k + i] = y[k + i] * r

@@ -16,7 +16,7 @@ def rnea(robot, motion, wrench, W, base_tau, tau):
     the base in world axes and the moment about its origin in body axes, the dual of base_qd.
     """
     tree = robot.tree
-    motion_pass(tree, robot.gravity, motion, W)
+    motion_pass(tree, None, robot.gravity, motion, W)
     for k in range(1, len(tree)):
         i = len(tree) - k
         b = tree[i]

@@ -90,7 +90,7 @@ def _place_bodies(run: Any, w: Any, x: Any, y: Any, W: Any) -> None:
     base = slice_if(run.scene.floating, y, offsets.base_q, 7)
     speed = slice_if(run.scene.floating, y, offsets.base_qd, 6)
     motion = Motion(base, speed, None, y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n], None)
-    motion_pass(run.scene.tree, run.scene.gravity, motion, W)
+    motion_pass(run.scene.tree, None, run.scene.gravity, motion, W)
     origin = _origin(base)
     X = x.X
     for i in range(len(w.bodies)):

@@ -1,0 +1,99 @@
+"""Several trees in one scene: which rows, joints, points and coordinates are those of each.
+
+Tables hold one tree after the other.  What works on one tree takes its record `TREE`, or None for the only tree of a
+scene, whose rows are then all rows.  Each tree has a common frame of its own, with its origin at the tree's base: far
+from the world's origin it loses no digits, and moves to the same bits as it would alone.
+
+In a scene of several trees each has the coordinates of a floating base, which a fixed one never changes.
+"""
+
+from ..compile.jit import inline
+from ..compile.optional import slice_if
+from ..compile.structure import record
+
+TREE = record(
+    root=int,  # row of the root
+    end=int,  # row after the last body
+    fixed=int,  # 1 = the root is fixed to the world
+    base=int,  # index of its base among those of the scene
+    joint=int,  # first joint
+    end_joint=int,
+    point=int,  # first contact point
+    end_point=int,
+    coupling=int,  # first coupling
+    end_coupling=int,
+    falls=int,  # 1 = it can fall
+    min_height=float,  # of the center of mass over the ground, along its normal [m]; below it the robot has fallen
+    min_upright=float,  # cosine of the base's tilt; below it the robot has fallen
+    upright=(float, 3),  # what points up in the frame of a base that is not tilted
+)
+
+
+@inline
+def rows_of(part, tree):
+    """Return the row of the root and the row after the last body."""
+    if part is None:
+        return 0, len(tree)
+    return part.root, part.end
+
+
+@inline
+def joints_of(part, tree):
+    """Return the first joint and the one after the last."""
+    if part is None:
+        return 0, len(tree) - 1
+    return part.joint, part.end_joint
+
+
+@inline
+def points_of(part, points):
+    """Return the first contact point and the one after the last."""
+    if part is None:
+        return 0, len(points)
+    return part.point, part.end_point
+
+
+@inline
+def couplings_of(part, coupling):
+    """Return the first coupling and the one after the last."""
+    if part is None:
+        return 0, len(coupling)
+    return part.coupling, part.end_coupling
+
+
+@inline
+def base_index(part):
+    """Return which of the scene's bases is the tree's."""
+    if part is None:
+        return 0
+    return part.base
+
+
+@inline
+def base_of(floating, part, array, start, count):
+    """Return the numbers of the tree's base, `count` each, of those that start at array[start]; None if none floats."""
+    return slice_if(floating, array, start + count * base_index(part), count)
+
+
+@inline
+def is_fixed(part):
+    """Return whether the root of one of several trees is fixed."""
+    if part is None:
+        return False
+    return part.fixed > 0
+
+
+@inline
+def joint_count(trees, tree):
+    """Return the number of joints of all trees; trees (trees,) TREE, None for one."""
+    if trees is None:
+        return len(tree) - 1
+    return trees[len(trees) - 1].end_joint
+
+
+@inline
+def base_count(trees):
+    """Return the number of bases that have coordinates, where any has."""
+    if trees is None:
+        return 1
+    return len(trees)

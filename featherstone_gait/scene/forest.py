@@ -1,0 +1,417 @@
+"""Join scenes of one robot or object each to one: their tables one after the other, names with the robot's before.
+
+Each member is compiled as it would be alone, so that its numbers are those of a scene of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import numpy as np
+
+from ..base.rotation import rotation_from_quaternion, rpy_from_rotation
+from ..core.effects.contact import Contact
+from ..core.effects.firmware import BAND, PWM, Firmware
+from ..core.effects.friction import FRICTION
+from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
+from ..core.effects.joint_spring import JOINT_SPRING
+from ..core.effects.stop import STOP
+from ..core.effects.touch import DISC, Discs, Spheres
+from ..core.step.context import Scene
+from ..core.step.state import IN_STATE
+from ..core.tree.forest import TREE
+from ..model import Joint, Link, Model, Placed, Placement
+from .actuator import Actuator, passive
+from .channels import Share, owned
+from .friction import Friction
+from .preflight import Preflight
+from .records import records
+from .tree import Tree
+
+if TYPE_CHECKING:
+    from .compile import CompiledScene
+
+WORLD = "world"  # root of the joined model
+NO_STOP = 1e300
+
+
+class Member(NamedTuple):
+    """A robot or object of a scene.
+
+    Attributes
+    ----------
+    placed : Placed
+        The model, its name and its place.
+    scene : CompiledScene
+        The scene of it alone.
+    """
+
+    placed: Placed
+    scene: CompiledScene
+
+    @property
+    def name(self) -> str:
+        """Name in the scene."""
+        return self.placed.name
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+        return self.placed.model
+
+
+def joined_model(members: Sequence[Member], name: str) -> Model:
+    """Return one model of all members, with their names before those of their links and joints.
+
+    Its root is the world, on which all roots are fixed at their places: it names links, joints and servos, and knows no
+    coordinates of bases.
+    """
+    links, joints = [Link(WORLD)], []
+    parts: dict[str, list[Any]] = {"contacts": [], "shapes": []}
+    servos: dict[str, Any] = {}
+    locked: dict[str, float] = {}
+    for member in members:
+        model, placed = member.model, member.placed
+        xyz = cast(Any, (*placed.position, 0.0)[:3])
+        root, turned = named(member, model.root), rpy_from_rotation(rotation_from_quaternion(placed.orientation))
+        joints.append(Joint(root, "fixed", WORLD, root, xyz=xyz, rpy=turned))
+        links += [replace(link, name=named(member, link.name)) for link in model.links]
+        joints += [_renamed(member, joint) for joint in model.joints]
+        parts["contacts"] += [replace(one, link=named(member, one.link)) for one in _touching(member)]
+        parts["shapes"] += [replace(one, link=named(member, one.link)) for one in model.shapes]
+        servos |= {named(member, joint): servo for joint, servo in model.servos.items()}
+        locked |= {named(member, joint): at for joint, at in model.locked.items()}
+    return Model(
+        name, tuple(links), tuple(joints), locked=locked, servos=servos,
+        contacts=tuple(parts["contacts"]), shapes=tuple(parts["shapes"]),
+    )  # fmt: skip
+
+
+def named(member: Member, name: str) -> str:
+    """Return the name of a link or joint in the scene."""
+    return f"{member.name}/{name}"
+
+
+def _renamed(member: Member, joint: Joint) -> Joint:
+    mimic = joint.mimic and replace(joint.mimic, joint=named(member, joint.mimic.joint))
+    name, parent, child = (named(member, one) for one in (joint.name, joint.parent, joint.child))
+    return replace(joint, name=name, parent=parent, child=child, mimic=mimic)
+
+
+def _touching(member: Member) -> tuple[Any, ...]:
+    return member.model.contacts if member.scene.constants.contact is not None else ()
+
+
+def members_of(members: Sequence[Member], model: Model) -> list[Model]:
+    """Return the models of the members with the numbers of another joined model of the same names."""
+    found, links, joints = [], iter(model.links[1:]), iter(model.joints)
+    for member in members:
+        own = member.model
+        next(joints)  # the one that fixes the root
+        new_links = [replace(next(links), name=link.name) for link in own.links]
+        old = {joint.name: joint for joint in own.joints}
+        new_joints = [
+            replace(next(joints), name=one.name, parent=one.parent, child=one.child, mimic=one.mimic)
+            for one in old.values()
+        ]
+        servos = {name: model.servos[named(member, name)] for name in own.servos}
+        found.append(own.with_numbers(links=new_links, joints=new_joints, servos=servos))
+    return found
+
+
+# ------------------------------------------------------------------------------------------------ the tables
+
+
+class Shift(NamedTuple):
+    """Where the rows of a member stand among those of all."""
+
+    body: int  # of its first body
+    own: int  # bodies of its own
+    row: int  # added to workspace rows that are no bodies
+    joint: int
+    point: int
+    coupling: int
+
+    def workspace(self, rows: np.ndarray) -> np.ndarray:
+        """Return where workspace rows after the bodies, such as slots, stand."""
+        return rows - self.own + self.row
+
+
+def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
+    """Return where each member's rows stand: the bodies of all, then slots, contact rows and couplings of all."""
+    trees, found = [scene.tree for scene in scenes], []
+    body, row, joint, point, coupling = 0, sum(len(tree.bodies) for tree in trees), 0, 0, 0
+    for scene, tree in zip(scenes, trees):
+        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling))
+        body += len(tree.bodies)
+        row += tree.rows - len(tree.bodies)
+        joint += tree.n
+        point += count(scene.constants.contact and scene.constants.contact.points)
+        coupling += count(tree.coupling)
+    return found
+
+
+def count(table: Any) -> int:
+    """Return the rows of a table, 0 of none."""
+    return 0 if table is None else len(table)
+
+
+def joined_tree(members: Sequence[Member]) -> Tree:
+    """Return the bodies of all members, one tree after the other."""
+    places: dict[str, Placement] = {}
+    scenes = [member.scene for member in members]
+    bodies, couplings, names = [], [], []
+    trees, moved = records(len(members), TREE), shifts(scenes)
+    for row, member, scene, at in zip(trees, members, scenes, moved):
+        tree = scene.tree
+        table = tree.bodies.copy()
+        table.parent += at.body
+        table.dof += at.joint
+        table.slot = at.workspace(table.slot)
+        table.contact = np.where(table.contact > 0, at.workspace(table.contact), 0)
+        bodies.append(table)
+        if tree.coupling is not None:
+            coupling = tree.coupling.copy()
+            coupling.body, coupling.leader = coupling.body + at.body, coupling.leader + at.body
+            coupling.dof, coupling.leader_dof = coupling.dof + at.joint, coupling.leader_dof + at.joint
+            coupling.row = at.workspace(coupling.row)
+            couplings.append(coupling)
+        names += [named(member, name) for name in tree.names]
+        places |= {named(member, k): Placement(p.row + at.body, p.E, p.r) for k, p in tree.placements.items()}
+        _fill_tree(row, scene, at)
+    trees["base"] = np.arange(len(members))
+    end = moved[-1].row + scenes[-1].tree.rows - len(scenes[-1].tree.bodies)
+    joined = np.concatenate(bodies).view(np.recarray)
+    return Tree(joined, True, tuple(names), places, end, _concatenated(couplings), trees)
+
+
+def _fill_tree(row: Any, scene: CompiledScene, at: Shift) -> None:
+    tree = scene.tree
+    row.root, row.end, row.fixed = at.body, at.body + at.own, not tree.floating
+    row.joint, row.end_joint = at.joint, at.joint + tree.n
+    points = count(scene.constants.contact and scene.constants.contact.points)
+    row.point, row.end_point = at.point, at.point + points
+    row.coupling, row.end_coupling = at.coupling, at.coupling + count(tree.coupling)
+    row.falls = tree.floating and tree.n > 0 and points > 0
+    row.min_height, row.min_upright = max(scene.fall_height, -1e308), scene.fall_upright
+    row.upright = scene.upright
+
+
+def _concatenated(tables: Sequence[np.ndarray]) -> Any:
+    return np.concatenate(tables).view(np.recarray) if tables else None
+
+
+def joined_constants(members: Sequence[Member], tree: Tree) -> Scene:
+    """Return the constants of all members in one; raise ValueError for kinds that cannot act in one scene."""
+    scenes = [member.scene for member in members]
+    all_of = [scene.constants for scene in scenes]
+    joints, moved = [scene.tree.n for scene in scenes], shifts(scenes)
+
+    def stack(name: str, dtype: Any, **neutral: float) -> Any:
+        return _stacked([getattr(one, name) for one in all_of], joints, dtype, **neutral)
+
+    return Scene(
+        tree=tree.bodies,
+        floating=True,
+        gravity=all_of[0].gravity,
+        actuator=_actuator(members),
+        decay=_rows([one.decay for one in all_of], joints),
+        armature=_rows([one.armature for one in all_of], joints),
+        friction=_friction([one.friction for one in all_of], joints),
+        stops=stack("stops", STOP, lower=-NO_STOP, upper=NO_STOP, stiffness=1.0),
+        contact=_contact([one.contact for one in all_of], moved),
+        push=None,
+        springs=_on_bodies([one.springs for one in all_of], moved, ("a", "b")),
+        coupling=tree.coupling,
+        firmware=_firmware(members, joints),
+        supply=_supply(members),
+        joint_springs=stack("joint_springs", JOINT_SPRING),
+        lifts=_on_bodies([one.lifts for one in all_of], moved, ("body",)),
+        trees=tree.trees,
+    )
+
+
+def _stacked(tables: Sequence[Any], counts: Sequence[int], dtype: np.dtype, **neutral: float) -> Any:
+    """Return the records of all members, neutral ones for members without; None if none has any."""
+    if all(table is None for table in tables):
+        return None
+    parts = []
+    for table, n in zip(tables, counts):
+        if table is None:
+            table = records(n, dtype)
+            for name, value in neutral.items():
+                table[name] = value
+        parts.append(table)
+    return _concatenated(parts)
+
+
+def _rows(arrays: Sequence[np.ndarray | None], counts: Sequence[int], neutral: float = 0.0) -> np.ndarray | None:
+    """Return the numbers of all members' joints; None if none has any."""
+    given = [array for array in arrays if array is not None]
+    if not given:
+        return None
+    shape = given[0].shape[1:]
+    return np.concatenate([np.full((n, *shape), neutral) if a is None else a for a, n in zip(arrays, counts)])
+
+
+def _actuator(members: Sequence[Member]) -> Actuator | None:
+    """Return the servos of all members, of which all must be of one kind."""
+    kinds: dict[type, str] = {}
+    for member in members:
+        if member.scene.constants.actuator is not None:
+            kinds.setdefault(type(member.scene.constants.actuator), member.name)
+    if not kinds:
+        return None
+    if len(kinds) > 1:
+        each = ", ".join(f"{name!r} has {kind.__name__}" for kind, name in kinds.items())
+        raise ValueError(
+            f"scene: servos of several kinds do not act in one scene: {each}; give all robots one gearbox "
+            "('mipsd' or 'rotor'), and servos of one kind of law"
+        )
+    kind = next(iter(kinds))
+    found = [(member.scene.constants.actuator, member.scene.tree.n) for member in members]
+    parts = [passive(kind, n) if actuator is None else actuator for actuator, n in found]
+    tables: list[Any] = []
+    for field, columns in zip(kind._fields, zip(*parts)):  # type: ignore[attr-defined]
+        if all(column is None for column in columns):
+            tables.append(None)
+        elif field == "wrap":
+            tables.append(_rows(columns, [n for _, n in found]))
+        else:
+            tables.append(_concatenated(columns))
+    return kind(*tables)
+
+
+def _friction(frictions: Sequence[Friction | None], counts: Sequence[int]) -> Friction | None:
+    """Return the friction of all members; where one's depends on load or speed, all are rows of that kind."""
+    if any(isinstance(one, GearFriction) for one in frictions):
+        tables = []
+        for one, n in zip(frictions, counts):
+            table = one.table if isinstance(one, GearFriction) else records(n, GEAR_FRICTION)
+            if not isinstance(one, GearFriction):
+                table.stribeck_speed = table.stribeck_exponent = table.steepness = 1.0
+                if one is not None:
+                    for name in one.dtype.names or ():
+                        table[name] = one[name]
+            tables.append(table)
+        return GearFriction(_concatenated(tables))
+    return _stacked(frictions, counts, FRICTION, steepness=1.0)
+
+
+def _contact(contacts: Sequence[Contact | None], moved: Sequence[Shift]) -> Contact | None:
+    """Return the contact points of all members, as points, spheres or discs."""
+    given = [(one, at) for one, at in zip(contacts, moved) if one is not None]
+    if not given:
+        return None
+    tables = []
+    for one, at in given:
+        table = one.points.copy()
+        table.body += at.body
+        tables.append(table)
+    return Contact(_concatenated(tables), given[0][0].ground, _geometry([one for one, _ in given]))
+
+
+def _geometry(contacts: Sequence[Contact]) -> Any:
+    kinds = {type(one.contact_geometry) for one in contacts}
+    if kinds == {type(None)}:
+        return None
+    if Discs not in kinds:
+        radii = [getattr(one.contact_geometry, "radius", np.zeros(len(one.points))) for one in contacts]
+        return Spheres(np.concatenate(radii))
+    tables = []
+    for one in contacts:
+        table = records(len(one.points), DISC)
+        if isinstance(one.contact_geometry, Discs):
+            table = one.contact_geometry.disc
+        else:
+            table.axis = (0.0, 0.0, 1.0)
+            table.radius = getattr(one.contact_geometry, "radius", 0.0)
+        tables.append(table)
+    return Discs(_concatenated(tables))
+
+
+def _on_bodies(tables: Sequence[Any], moved: Sequence[Shift], rows: Iterable[str]) -> Any:
+    """Return forces on bodies of all members; rows: fields that name bodies."""
+    found = []
+    for table, at in zip(tables, moved):
+        if table is not None:
+            own = table.copy()
+            for name in rows:
+                own[name] += at.body
+            found.append(own)
+    return _concatenated(found)
+
+
+def _firmware(members: Sequence[Member], counts: Sequence[int]) -> Firmware:
+    """Return the firmware of all servos; raise ValueError where delays differ."""
+    all_of = [member.scene.constants.firmware for member in members]
+    driven = [k for k, member in enumerate(members) if member.scene.constants.actuator is not None]
+    delays = {all_of[k].delay for k in driven}
+    if len(delays) > 1:
+        names = ", ".join(members[k].name for k in driven)
+        raise ValueError(f"scene: the controllers of {names} differ in delay: give them the same")
+    return Firmware(
+        band=_stacked([one.band for one in all_of], counts, BAND),
+        pwm=_stacked([one.pwm for one in all_of], counts, PWM),
+        profile=_rows([one.profile for one in all_of], counts, math.inf),
+        delay=delays.pop() if delays else None,
+        wrap=_rows([one.wrap for one in all_of], counts),
+    )
+
+
+def _supply(members: Sequence[Member]) -> Any:
+    """Return the supply that feeds all servos; raise ValueError where others have servos too."""
+    fed = [member for member in members if member.scene.constants.supply is not None]
+    if not fed:
+        return None
+    driven = [member.name for member in members if member.scene.constants.actuator is not None]
+    if len(driven) > 1:
+        raise ValueError(
+            f"scene: {fed[0].name!r} has a supply of its own, and {', '.join(driven)} have servos; one supply "
+            "feeds all servos of a scene: leave it out of the models, dataclasses.replace(model, supply=None)"
+        )
+    return fed[0].scene.constants.supply
+
+
+def joined_preflight(members: Sequence[Member], first: Preflight) -> Preflight:
+    """Return the limits of all members; first: that of the member which decides integrator and step."""
+    checks = [member.scene.preflight for member in members]
+    limits = [
+        limit._replace(joint=named(member, limit.joint))
+        for member, check in zip(members, checks)
+        for limit in check.limits
+    ]
+    names = [name for name in Preflight._fields if name.endswith("_step")]
+    steps: dict[str, Any] = {name: min(getattr(check, name) for check in checks) for name in names}
+    inertias = tuple(inertia for check in checks for inertia in check.inertias)
+    return first._replace(limits=tuple(limits), inertias=inertias, **steps)
+
+
+def shares(members: Sequence[Member]) -> dict[str, Share]:
+    """Return which numbers of the channels are each member's, by name."""
+    found: dict[str, Share] = {}
+    joints = sum(member.scene.tree.n for member in members)
+    for k, (member, at) in enumerate(zip(members, shifts([member.scene for member in members]))):
+        points = count(member.scene.constants.contact and member.scene.constants.contact.points)
+        found[member.name] = {
+            "base": k, "fixed": not member.scene.tree.floating, "joints": [at.joint, at.joint + member.scene.tree.n],
+            "points": [at.point, at.point + points], "of_joints": joints,
+        }  # fmt: skip
+    return found
+
+
+def state_index(scene: CompiledScene, member: Member) -> np.ndarray:
+    """Return where each number of the state of one member alone stands in that of the scene.
+
+    Bases that the member alone has no coordinates for are left out.
+    """
+    alone, share = member.scene, shares(scene.members)[member.name]
+    index = np.zeros(alone.layout["length"], np.int64)
+    for channel in IN_STATE:
+        (start, end), (first, past) = alone.part(channel.name), scene.part(channel.name)
+        if end > start:
+            index[start:end] = first + owned(channel, share, past - first)
+    return index
