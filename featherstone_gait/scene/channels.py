@@ -75,7 +75,7 @@ Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in for
 
 def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
     """Return the indices of the numbers of a channel, `size` in the scene, that are a member's."""
-    if channel.of in ("run", "source"):
+    if channel.of in ("run", "source") or not size:
         return np.arange(size)
     first, end = share["joints"]
     if channel.of == "delay":  # all servos of a slot stand together
@@ -85,7 +85,7 @@ def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
         first, end = share["points"]
     elif channel.of in ("base", "tree"):
         first, end = share["base"], share["base"] + (channel.of == "tree" or not share["fixed"])
-    return np.arange(channel.width * first, channel.width * end) if size else np.arange(0)
+    return np.arange(channel.width * first, channel.width * end)
 
 
 class ByChannel(dict[str, Any]):

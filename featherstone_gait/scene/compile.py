@@ -20,7 +20,8 @@ from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
-from ..model import Controller, Ground, Model, Placed, Spring
+from ..model import Controller, Ground, Model, Spring
+from ..model.placed import Placed, SceneModel
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import ByChannel, StateView
 from .contact import build_contact, standing_posture
@@ -51,6 +52,8 @@ class CompiledScene:
         The robot; of several members one of all, whose links and joints have their names before them.
     members : tuple of Member
         The robots and objects of a scene of several.
+    obstacles : tuple of Placed
+        Shapes that never move; nothing touches them yet.
     constants : Scene
         What the kernels read.
     options : SceneOptions
@@ -87,9 +90,11 @@ class CompiledScene:
     stiff: bool  # explicit steps are limited to less than `STIFF`, or forces are discontinuous
     compiled: Scene  # the constants as compiled, to tell which were put in by hand
     members: tuple[Member, ...] = ()
+    obstacles: tuple[Placed, ...] = ()
 
     def __repr__(self) -> str:
-        name, joints = clipped(self.model.name), f"{self.model.base} base, {self.tree.n} joints"
+        kind = f"{len(self.members)} members" if self.members else f"{self.model.base} base"
+        name, joints = clipped(self.model.name), f"{kind}, {self.tree.n} joints"
         driven = f"{self.gearbox} servos" if self.gearbox else "no servos"
         under = "no ground" if self.ground is None else f"ground of friction {self.ground.friction:g}"
         step = self.integrator if self.adaptive else f"{self.integrator} at {self.timestep:g} s"
@@ -114,7 +119,8 @@ class CompiledScene:
         check = scene.preflight
         if "integrator" not in changes:
             check = check._replace(reason=self.preflight.reason, named=self.preflight.named)
-        return replace(scene, preflight=check, constants=scene.constants._replace(push=self.constants.push))
+        constants = scene.constants._replace(push=self.constants.push)
+        return replace(scene, preflight=check, obstacles=self.obstacles, constants=constants)
 
     def _described(self, model: Model | None) -> Model | list[Placed]:
         """Return what to compile anew, with the numbers of another model of the same parts."""
@@ -263,7 +269,7 @@ class CompiledScene:
 
 @deprecated.keywords(servos="gearbox")
 def compile_scene(
-    model: Model | Placed | Sequence[Model | Placed],
+    model: Model | Placed | SceneModel | Sequence[Model | Placed],
     gearbox: GearboxKind | None = None,
     ground: Ground | None = None,
     integrator: str | None = None,
@@ -277,8 +283,9 @@ def compile_scene(
 
     Parameters
     ----------
-    model : Model, Placed, or sequence of these
-        The robot, or robots and free objects at their places.
+    model : Model, Placed, SceneModel, or sequence of the first two
+        The robot, or robots and free objects at their places.  Ground and gravity of a `SceneModel` are those of the
+        scene where no others are given.
     gearbox : {"mipsd", "rotor", "standard"}, optional
         Model of the gearboxes: "mipsd" (motor inertia plus spring-damper), "rotor" (rigid, with the rotor's reflected
         inertia), "standard" (rigid, without it).  None: no servos; torques come from ``simulate(tau=...)``.
@@ -317,7 +324,13 @@ def compile_scene(
     root's z axis is upright, or the one axis of the root along which all contacts are below the center of mass.
     """
     options = SceneOptions(gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs)
-    return _compile(model, options) if isinstance(model, Model) else _compile_members(model, options)
+    if isinstance(model, Model):
+        return _compile(model, options)
+    if isinstance(model, SceneModel):
+        own = GRAVITY if model.gravity is None else model.gravity
+        options = options._replace(ground=ground or model.ground, gravity=own if gravity is GRAVITY else gravity)
+        return replace(_compile_members(model.members, options), obstacles=model.obstacles)
+    return _compile_members(model, options)
 
 
 def _compile(model: Model, given: SceneOptions) -> CompiledScene:

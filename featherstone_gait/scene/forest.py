@@ -23,7 +23,8 @@ from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.step.context import Scene
 from ..core.step.state import IN_STATE
 from ..core.tree.forest import TREE
-from ..model import Joint, Link, Model, Placed, Placement
+from ..model import Joint, Link, Model, Placement
+from ..model.placed import Placed
 from .actuator import Actuator, passive
 from .channels import Share, owned
 from .friction import Friction

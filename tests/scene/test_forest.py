@@ -1,0 +1,189 @@
+"""Scenes of several robots and objects: each moves as it does alone."""
+
+import math
+
+import numpy as np
+import pytest
+
+from featherstone_gait.model import ContactPoint, Ground, Link, Model
+from featherstone_gait.model.placed import Placed
+from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.session import Session
+from featherstone_gait.run.simulate import Push, initial_state, simulate, simulate_batch
+from featherstone_gait.run.trajectory import Trajectory
+from featherstone_gait.run.worlds import Worlds
+from featherstone_gait.scene.compile import compile_scene
+
+RADIUS = 0.1
+RECORD = ("q", "qd", "base_q", "base_qd", "energy", "contact_force", "contact_work", "current")
+TURNED = (math.cos(0.3), 0.0, 0.0, math.sin(0.3))
+STEPS = dict(integrator="implicit_euler", timestep=1e-3)
+
+
+def ball(mass=1.0):
+    inertia = 0.4 * mass * RADIUS**2
+    point = ContactPoint("ball", (0.0, 0.0, 0.0), radius=RADIUS)
+    link = Link("ball", mass, inertia=(inertia, 0.0, 0.0, inertia, 0.0, inertia))
+    return Model("ball", (link,), (), base="floating", contacts=(point,))
+
+
+def box(side=0.2, mass=1.0):
+    inertia = mass * side**2 / 6.0
+    corners = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+    contacts = tuple(ContactPoint("box", tuple(side * c for c in corner)) for corner in corners)
+    link = Link("box", mass, inertia=(inertia, 0.0, 0.0, inertia, 0.0, inertia))
+    return Model("box", (link,), (), base="floating", contacts=contacts)
+
+
+def company(**how):
+    """A walking robot, an arm on a turned base, a ball in the air and one that rests."""
+    robot, arm = load_robot("humanoid"), load_robot("arm7")
+    placed = [
+        Placed(ball(), name="high", position=(5.0, 5.0, 2.0)),
+        Placed(arm, name="arm", position=(1.0, 2.0, 0.5), orientation=TURNED),
+        Placed(robot, name="robot"),
+        Placed(ball(), name="low", position=(-3.0, 0.0)),
+    ]
+    return compile_scene(placed, ground=Ground(), **how)
+
+
+def recorded(scene):
+    return [name for name in RECORD if scene.part(name)[1] > scene.part(name)[0]]
+
+
+@pytest.mark.parametrize(
+    "integrator", ["implicit_euler", *(pytest.param(x, marks=pytest.mark.long) for x in ("midpoint", "rk4"))]
+)
+def test_at_fixed_steps_each_moves_to_the_bits_of_one_alone(integrator):
+    scene = company(gearbox="mipsd", integrator=integrator, timestep=1e-3)
+    run = simulate(scene, 0.3, estimate_error=False, record=RECORD)
+    first = initial_state(scene)
+    for member in scene.members:
+        alone = simulate(
+            member.scene, 0.3, scene.state_of(member.name, first), estimate_error=False, record=recorded(member.scene)
+        )
+        own = run[member.name]
+        for name in recorded(member.scene):
+            assert np.array_equal(own[name], alone[name]), (member.name, name)
+        assert own.final.shape == alone.final.shape
+        assert np.array_equal(own.state["base_q" if member.model.base == "floating" else "q"], alone.state[
+            "base_q" if member.model.base == "floating" else "q"
+        ])  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["ars343", "extrapolation"])
+def test_under_error_control_each_moves_as_alone_to_the_tolerance(integrator):
+    scene = company(gearbox="mipsd", integrator=integrator)
+    run = simulate(scene, 0.3, estimate_error=False, rtol=1e-6)
+    for member in scene.members:
+        first = scene.state_of(member.name, initial_state(scene))
+        alone = simulate(member.scene, 0.3, first, estimate_error=False, rtol=1e-6)
+        for name in run[member.name].keys() - {"time"}:
+            assert np.abs(run[member.name][name] - alone[name]).max() < 1e-4, (member.name, name)
+
+
+@pytest.mark.long
+def test_a_robot_out_of_balance_does_not_change_the_other():
+    """Newton's iteration of one tree may take more passes than that of another."""
+    robot = load_robot("humanoid")
+    scene = compile_scene(
+        [Placed(robot, name="left"), Placed(robot, name="right", position=(3.0, 1.0))],
+        gearbox="mipsd", ground=Ground(), fall_height=-1.0, fall_tilt=math.pi, **STEPS,
+    )  # fmt: skip
+    push = Push(f"right/{robot.root}", force=(60.0, 10.0, 0.0), end=0.2)
+    run = simulate(scene, 0.4, pushes=[push], estimate_error=False)
+    still = simulate(scene, 0.4, estimate_error=False)
+    assert np.array_equal(run["left"]["q"], still["left"]["q"])
+    assert np.abs(run["right"]["base_q"] - still["right"]["base_q"]).max() > 0.1
+
+
+def test_a_ball_rolls_down_a_slope_and_a_box_slides_to_rest():
+    """A rolling ball has 5/7 g sin a; a box of friction 0.3 stops from 1 m/s after v^2 / (2 mu g)."""
+    slope, g = 0.1, 9.81
+    scene = compile_scene([Placed(ball(), name="ball"), Placed(box(), name="box", position=(0.0, 2.0))],
+                          ground=Ground(friction=0.8, slope=slope), **STEPS)  # fmt: skip
+    run = simulate(scene, 1.0, estimate_error=False)
+    speed = np.linalg.norm(run["ball"]["base_qd"][-1, :3]) - np.linalg.norm(run["ball"]["base_qd"][50, :3])
+    assert speed == pytest.approx(5 / 7 * g * math.sin(slope) * (run["time"][-1] - run["time"][50]), rel=2e-3)
+    settled = run["box"]["base_q"][len(run["time"]) // 2 :, :3]  # it starts level, and first tilts onto the slope
+    assert np.abs(settled - settled[0]).max() < 1e-4
+    flat = compile_scene([Placed(ball(), name="ball"), Placed(box(), name="box", position=(0.0, 2.0))],
+                         ground=Ground(friction=0.3), **STEPS)  # fmt: skip
+    first = initial_state(flat, qd={"box": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]})
+    end = simulate(flat, 1.0, first, estimate_error=False)["box"]
+    assert end["base_q"][-1, 0] == pytest.approx(1.0 / (2 * 0.3 * g), rel=0.02)
+    assert np.abs(end["base_qd"][-1]).max() < 1e-3
+
+
+@pytest.mark.long
+def test_the_run_says_which_robot_fell():
+    robot = load_robot("humanoid")
+    scene = compile_scene([Placed(robot, name="left"), Placed(robot, name="right", position=(3.0, 1.0))],
+                          gearbox="mipsd", ground=Ground(), **STEPS)  # fmt: skip
+    run = simulate(scene, 2.0, pushes=[Push(f"right/{robot.root}", force=(80.0, 0.0, 0.0))], estimate_error=False)
+    assert run.status == "fell"
+    assert "right" in run.message
+    assert "left" not in run.message
+
+
+def objects():
+    return compile_scene(
+        [Placed(ball(), name="ball", position=(0.0, 0.0, 0.5)), Placed(box(), name="box", position=(1.0, 0.0))],
+        ground=Ground(), **STEPS,
+    )  # fmt: skip
+
+
+@pytest.mark.long
+def test_worlds_vary_a_member_and_share_vectors():
+    scene = objects()
+    worlds = Worlds(runs=3, links={"ball/ball.mass": [0.5, 1.0, 2.0]}, ground={"friction": [0.2, 0.5, 0.9]})
+    runs = simulate_batch(scene, 0.5, worlds=worlds, estimate_error=False)
+    for one, run in zip(worlds.scenes(scene), runs):
+        alone = simulate(one, 0.5, estimate_error=False)
+        assert all(np.array_equal(alone[name], run[name]) for name in alone)
+    assert [one.members[0].model.mass for one in worlds.scenes(scene)] == [0.5, 1.0, 2.0]
+
+
+@pytest.mark.long
+def test_a_session_steps_many_scenes():
+    scene = objects()
+    with Session(scene, n=64) as session:
+        for _ in range(5):
+            session.step(np.zeros((64, 0)))
+        run = simulate(scene, 5 * session.tick, estimate_error=False)
+        assert np.array_equal(session.state_view.base_q[63], run["base_q"][-1])
+
+
+def test_a_run_is_saved_and_goes_on(tmp_path):
+    scene = objects()
+    half, whole = (simulate(scene, t, estimate_error=False) for t in (0.2, 0.4))
+    half.save(tmp_path / "run")
+    read = Trajectory.load(tmp_path / "run")
+    assert np.array_equal(read["ball"]["base_q"], half["ball"]["base_q"])
+    assert np.array_equal(simulate(scene, 0.2, read, estimate_error=False).final, whole.final)
+    again = simulate(scene.member("ball").scene, 0.2, read["ball"], estimate_error=False)
+    assert np.array_equal(again["base_q"], simulate(scene, 0.2, read, estimate_error=False)["ball"]["base_q"])
+
+
+def test_names_and_places_are_checked():
+    with pytest.raises(ValueError, match="'ball' is the name of several"):
+        compile_scene([ball(), ball()])
+    with pytest.raises(ValueError, match="empty"):
+        compile_scene([])
+    with pytest.raises(TypeError, match="Placed"):
+        compile_scene([ball(), "box"])
+    scene = objects()
+    with pytest.raises(ValueError, match="there are ball, box"):
+        initial_state(scene, {"bal": np.zeros(7)})
+    with pytest.raises(TypeError, match="dictionary"):
+        initial_state(scene, np.zeros(14))
+    run = simulate(scene, 0.1, estimate_error=False)
+    with pytest.raises(ValueError, match="there are ball, box"):
+        run.of("bal")
+
+
+def test_servos_that_cannot_act_in_one_scene_are_refused():
+    arm = load_robot("arm7")
+    with pytest.raises(ValueError, match="servos of several kinds"):
+        compile_scene([Placed(arm, name="a"), Placed(arm, name="b", gearbox="rotor")], gearbox="mipsd")
