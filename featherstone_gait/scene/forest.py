@@ -183,7 +183,7 @@ def joined_tree(members: Sequence[Member]) -> Tree:
         names += [named(member, name) for name in tree.names]
         places |= {named(member, k): Placement(p.row + at.body, p.E, p.r) for k, p in tree.placements.items()}
         _fill_tree(row, scene, at)
-    trees["base"] = np.arange(len(members))
+    trees.number = np.arange(len(members))
     end = moved[-1].row + scenes[-1].tree.rows - len(scenes[-1].tree.bodies)
     joined = np.concatenate(bodies).view(np.recarray)
     return Tree(joined, True, tuple(names), places, end, _concatenated(couplings), trees)

@@ -15,7 +15,7 @@ TREE = record(
     root=int,  # row of the root
     end=int,  # row after the last body
     fixed=int,  # 1 = the root is fixed to the world
-    base=int,  # index of its base among those of the scene
+    number=int,  # which of the trees it is; its base has the same number
     joint=int,  # first joint
     end_joint=int,
     point=int,  # first contact point
@@ -66,7 +66,7 @@ def base_index(part):
     """Return which of the scene's bases is the tree's."""
     if part is None:
         return 0
-    return part.base
+    return part.number
 
 
 @inline
