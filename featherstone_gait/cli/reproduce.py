@@ -3,7 +3,7 @@
 Writes reproduction.html, .md and .csv, and the folder reproduction_files (pictures, and finished experiments to
 continue from).
 
-Takes some five minutes on two cores; Ctrl-C keeps finished experiments.
+Takes some five minutes on two cores; after Ctrl-C the same command goes on.
 
   featherstone-gait reproduce servo_step arm_fall
   featherstone-gait reproduce --full --out paper
@@ -11,6 +11,7 @@ Takes some five minutes on two cores; Ctrl-C keeps finished experiments.
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 
 from ..reproduction import EXPERIMENTS
@@ -32,7 +33,11 @@ def run(args: Namespace) -> int:
 
     minutes, size = max(expected(args.names, args.full), 1), "full" if args.full else "quick"
     announce(args, f"about {minutes:.0f} min at {size} size on two cores, with finished experiments kept")
-    entries = reproduce(args.names, args.out, full=args.full, seed=args.seed, progress=True)
+    try:
+        entries = reproduce(args.names, args.out, full=args.full, seed=args.seed, progress=True)
+    except KeyboardInterrupt:
+        print("finished experiments are kept: the same command goes on from there", file=sys.stderr)
+        raise
     for entry in entries:
         print(entry.name + (f": failed: {entry.failure}" if entry.failure else ""))
         for claim in entry.claims:

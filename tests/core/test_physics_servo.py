@@ -332,12 +332,6 @@ def arm_variance(servos, integrator, h):
     return angle[len(angle) // 2 :].var(), run.status
 
 
-def test_standard_gearbox_chatters_under_the_explicit_order_and_says_so():
-    variance, status = arm_variance("standard", "simtwo", 1e-3)
-    assert variance > 0.5
-    assert status == "chatter"
-
-
 @pytest.mark.quick("mipsd-implicit_euler-0.001")
 @pytest.mark.parametrize(
     ("servos", "integrator", "h"),

@@ -169,6 +169,7 @@ def stack(count, engine):
     return world, work
 
 
+@pytest.mark.quick("swept")
 @pytest.mark.parametrize("engine", [SOFT, replace(SOFT, iterations=60, shuffle_every=8)], ids=["solved", "swept"])
 def test_a_stack_stays_at_rest(engine):
     """Three boxes: after two seconds none has moved by 0.1 mm, and the ground bears all of the weight."""

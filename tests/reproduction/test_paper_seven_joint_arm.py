@@ -121,7 +121,7 @@ def test_verdicts(result):
     assert [claim.verdict for claim in claims.values()] == [
         "not reproduced",  # standard: 1 deg^2 instead of 8
         "not reproduced",  # MIPSD: a decay
-        "reproduced in direction",  # the one is more stable than the other
+        "reproduced",  # the one is more stable than the other, here by the paper's ratio too
         "not reproduced",  # rad^2
         "reproduced",  # the missing rotor
         "not reproduced",  # the spring-damper

@@ -191,6 +191,15 @@ def test_after_an_interruption_the_same_call_goes_on(calls, monkeypatch, tmp_pat
     assert [name for name, *_ in calls] == ["first", "last", "last"]
 
 
+def test_the_command_says_that_it_goes_on_after_an_interruption(calls, monkeypatch, tmp_path, capsys):
+    fail(monkeypatch, calls, "last", KeyboardInterrupt())
+    assert cli.main(["reproduce", "--out", str(tmp_path)]) == 130
+    assert len(capsys.readouterr().err.splitlines()) > 1  # more than that it was interrupted
+    monkeypatch.setitem(sys.modules, "featherstone_gait.reproduction.last", stand_in("last", calls))
+    assert cli.main(["reproduce", "--out", str(tmp_path)]) == 0
+    assert [name for name, *_ in calls] == ["first", "last", "last"]
+
+
 def test_a_failed_experiment_is_reported_and_the_others_run(calls, monkeypatch, tmp_path, capsys):
     fail(monkeypatch, calls, "first", RuntimeError("no <luck>"))
     assert cli.main(["reproduce", "--out", str(tmp_path)]) == 1
