@@ -105,12 +105,12 @@ def load_robot(
             robot = read_urdf(markup.root, path, meshes, report, repair_inertia)
     settings = _settings(path, robot, report)
     held = {**robot.held, **_held(path, robot, locked, settings, report)}
-    joints, held = _resolve_couplings(robot.joints, held, mimic, report)
+    joints, held = resolve_couplings(robot.joints, held, mimic, report)
     if base is None:
         base = settings.base or robot.base or "fixed"
     robot = robot._replace(joints=joints, base=base, held=held)
     doubt_inertias(robot, report)
-    model = _model(path, robot, settings, report, meshes.package_dirs)
+    model = model_of(path, robot, settings, report, meshes.package_dirs)
     report.warn(path, stacklevel=2)
     choice = settings.choice if contacts is None else contacts
     if choice is None:
@@ -159,7 +159,7 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
     return held
 
 
-def _model(path: Path, robot: Robot, settings: Settings, report: Report, package_dirs: tuple[str, ...]) -> Model:
+def model_of(path: Path, robot: Robot, settings: Settings, report: Report, package_dirs: tuple[str, ...]) -> Model:
     """Make the model; report what is wrong with it."""
     own, postures = settings.parts, {**robot.postures, **settings.postures}
     moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in robot.held]
@@ -207,7 +207,7 @@ def _chosen(locked: Any, sets: Mapping[str, dict[str, float]], joints: Iterable[
 # ---------------------------------------------------------------------------------------------- coupled joints
 
 
-def _resolve_couplings(
+def resolve_couplings(
     joints: tuple[Joint, ...], locked: dict[str, float], mode: MimicMode, report: Report
 ) -> tuple[tuple[Joint, ...], dict[str, float]]:
     """Return joints whose Mimic names a leader that moves by itself, and the joints to hold with their positions.

@@ -155,6 +155,6 @@ class Report:
         assumed = self._assumptions()
         if assumed:
             rest = len(assumed) - SHOWN_IN_WARNING
-            shown = [*assumed[:SHOWN_IN_WARNING], *([f"and {rest} more in Model.notes"] if rest > 0 else [])]
-            text = f"{file}: {'; '.join(shown)} (load_robot(..., strict=True) refuses this)"
+            shown = [*assumed[:SHOWN_IN_WARNING], *([f"and {rest} more in its notes"] if rest > 0 else [])]
+            text = f"{file}: {'; '.join(shown)} (strict=True refuses this)"
             warnings.warn(text, RobotFileWarning, stacklevel=stacklevel + 1)

@@ -91,6 +91,8 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
     left: dict[str, list[str]] = {}
     for k in range(actuator_count(m)):
         joint, gear = _turned(m, k)
+        if joint >= 0 and not tree.holds(m, int(m.jnt_bodyid[joint])):
+            continue  # of another tree
         name = tree.joint_names[joint] if gear else ""
         if name not in by_name:
             left.setdefault("ignored actuators that are not on one joint", []).append(m.actuator(k).name or str(k))

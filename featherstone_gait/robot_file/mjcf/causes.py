@@ -9,7 +9,7 @@ import numpy as np
 
 from ...base.flaws import quoted
 from . import equalities
-from .tree import BALL, FREE, NO_DAMPERS, NO_SPRINGS, Tree, moving_trees
+from .tree import BALL, FREE, NO_DAMPERS, NO_SPRINGS, Tree, moving_trees, vector
 
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
@@ -38,7 +38,7 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
         yield (
             f"left out bodies {quoted([tree.bodies[b] for b in tree.left])} with all that they carry: a Model has one "
             "floating base at most, and of several trees the one with most joints is taken, here "
-            f"{quoted([tree.bodies[b] for b in kept])}"
+            f"{quoted([tree.bodies[b] for b in kept])}; load_scene reads all of them"
         )
     drawn = [equalities.title(m, k) for k in equalities.active(m) if equalities.follows_mocap(m, k)]
     if drawn:
@@ -52,7 +52,7 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
         yield f"took the larger end of actuatorfrcrange of joints {quoted(uneven)} either way: effort has one number"
     if m.opt.density or m.opt.viscosity:
         yield f"ignored a fluid (density {m.opt.density:g}, viscosity {m.opt.viscosity:g}): not supported"
-    yield from _gravity(m, tree)
+    yield from _gravity_compensation(m, tree)
 
 
 def _nonlinear(m: Any, tree: Tree) -> Iterator[str]:
@@ -83,15 +83,23 @@ def _switched_off(m: Any) -> Iterator[str]:
             yield f"ignored the <flag> that switches off {what}: they stay active"
 
 
-def _gravity(m: Any, tree: Tree) -> Iterator[str]:
-    if m.opt.disableflags & NO_GRAVITY:
-        yield "a <flag> switches off gravity in the file: give gravity=(0, 0, 0) to compile_scene"
-        return
-    if np.any(m.body_gravcomp) and m.jnt_actgravcomp.any():
+def _gravity_compensation(m: Any, tree: Tree) -> Iterator[str]:
+    if np.any(m.body_gravcomp) and m.jnt_actgravcomp.any() and any(gravity_of(m)):
         held = [tree.bodies[b] for b in np.flatnonzero(m.body_gravcomp)]
         yield f"ignored gravcomp of bodies {quoted(held)}, which actuators take over (actuatorgravcomp): not supported"
-    if tuple(m.opt.gravity) != GRAVITY:
-        yield f"gravity of the file is {tuple(m.opt.gravity.tolist())} m/s^2: give it to compile_scene"
+
+
+def gravity_of(m: Any) -> tuple[float, float, float]:
+    """Return the file's gravity [m/s^2]: none if a <flag> switches it off."""
+    return (0.0, 0.0, 0.0) if m.opt.disableflags & NO_GRAVITY else vector(m.opt.gravity)
+
+
+def other_gravity(m: Any) -> Iterator[str]:
+    """Yield the file's gravity if it is not that of a scene, for a Model has none."""
+    if m.opt.disableflags & NO_GRAVITY:
+        yield "a <flag> switches off gravity in the file: give gravity=(0, 0, 0) to compile_scene"
+    elif gravity_of(m) != GRAVITY:
+        yield f"gravity of the file is {gravity_of(m)} m/s^2: give it to compile_scene"
 
 
 def _free_joint(m: Any) -> Iterator[str]:

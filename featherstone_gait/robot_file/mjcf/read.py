@@ -16,7 +16,7 @@ from ...model import Base
 from ..report import Report, blamed_on
 from ..robot import Posture, Robot
 from .actuators import Actuators, read_actuators
-from .causes import doubts, notes, refusals
+from .causes import doubts, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
 from .sizes import check_sizes, documents_of
 from .touching import read_touching
@@ -27,6 +27,7 @@ LINE = re.compile(r"line \d+")  # 0 of what is included
 INSTALL = "MJCF is read through MuJoCo; install it with pip install featherstone-gait[mjcf]"
 
 
+@np.errstate(all="ignore")  # Link, Joint and the like refuse what is not finite
 def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     """Read an MJCF file.  base: None is "floating" if the file has a free joint.
 
@@ -43,18 +44,26 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
         actuators = read_actuators(m, tree, tree.joints)
     pairs = (pair for root in documents.values() for pair in root.iter("pair"))
     touching = read_touching(m, tree, any("friction" in pair.attrib for pair in pairs))
-    for sentence in (*doubts(m, tree), *actuators.doubts, *touching.doubts):
+    for sentence in (*doubts(m, tree), *other_gravity(m), *actuators.doubts, *touching.doubts):
         report.doubt(sentence)
     report.raise_problems(path)
     shapes, left = read_shapes(m, tree, touching.friction)
     for sentence in (*notes(m, tree), *left, *touching.remarks, *actuators.remarks, *remarks):
         report.remark(sentence)
     joints = actuators.joints
-    postures = {m.key(k).name or f"key{k}": _posture(m, tree, m.key_qpos[k]) for k in range(m.nkey)}
-    held = {tree.joint_names[j]: place for j, place in held_joints(m).items() if tree.holds(m, m.jnt_bodyid[j])}
+    postures = postures_of(m, tree)
+    return Robot(name_of(m, path), tree.links, joints, shapes, tree.base, held_by(m, tree), actuators.servos, postures)
+
+
+def name_of(m: Any, path: Path) -> str:
+    """Return the name that the file gives itself, or that of the file."""
     name = bytes(m.names).split(b"\0", 1)[0].decode("utf-8", "replace")
-    name = path.stem if name in ("", NAMELESS) else name
-    return Robot(name, tree.links, joints, shapes, tree.base, held, actuators.servos, postures)
+    return path.stem if name in ("", NAMELESS) else name
+
+
+def held_by(m: Any, tree: Tree) -> dict[str, float]:
+    """Return the joints of a tree that equalities hold, and their positions [rad or m]."""
+    return {tree.joint_names[j]: at for j, at in held_joints(m).items() if tree.holds(m, int(m.jnt_bodyid[j]))}
 
 
 def compiled(path: Path, documents: Mapping[Path, Element]) -> tuple[Any, list[str]]:
@@ -105,6 +114,11 @@ def heard(mujoco: Any, remarks: list[object]) -> Iterator[None]:
 
 def _line(message: object) -> str:
     return " ".join(str(message).split()).removeprefix("Error: ").removeprefix("XML Error: ")
+
+
+def postures_of(m: Any, tree: Tree) -> dict[str, Posture]:
+    """Return what the keyframes say of a tree."""
+    return {m.key(k).name or f"key{k}": _posture(m, tree, m.key_qpos[k]) for k in range(m.nkey)}
 
 
 def _posture(m: Any, tree: Tree, q: np.ndarray) -> Posture:

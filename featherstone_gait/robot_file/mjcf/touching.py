@@ -34,9 +34,9 @@ def read_touching(m: Any, tree: Tree, stated: bool) -> Touching:
     ground = {g for g in range(m.ngeom) if _is_ground(m, tree, g)}
     links = [g for g in range(m.ngeom) if g not in ground and tree.holds(m, int(m.geom_bodyid[g]))]
     floor = next((g for g in sorted(ground) if m.geom_type[g] in (PLANE, HFIELD)), None)
-    excluded = _excluded(m)
+    excluded = excluded_bodies(m)
     friction: dict[int, float | None] = {
-        g: None for g in links if _meets(m, g, floor) and (_body(m, floor), int(m.geom_bodyid[g])) not in excluded
+        g: None for g in links if meets(m, g, floor) and (_body(m, floor), int(m.geom_bodyid[g])) not in excluded
     }
     by_pair: dict[int, list[int]] = {}
     others: list[str] = []
@@ -82,13 +82,13 @@ def _body(m: Any, floor: int | None) -> int:
     return 0 if floor is None else int(m.geom_bodyid[floor])
 
 
-def _meets(m: Any, g: int, floor: int | None) -> bool:
+def meets(m: Any, g: int, floor: int | None) -> bool:
     """Return whether the bits of a geom meet those of the floor, or without one those that geoms have by default."""
     kind, affinity = (1, 1) if floor is None else (m.geom_contype[floor], m.geom_conaffinity[floor])
     return bool(m.geom_contype[g] & affinity or m.geom_conaffinity[g] & kind)
 
 
-def _excluded(m: Any) -> set[tuple[int, int]]:
+def excluded_bodies(m: Any) -> set[tuple[int, int]]:
     """Return the bodies that each <exclude> names, in either order."""
     found = [divmod(int(signature), 1 << 16) for signature in m.exclude_signature]
     return {*found, *((two, one) for one, two in found)}

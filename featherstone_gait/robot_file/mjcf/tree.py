@@ -48,13 +48,36 @@ def read_tree(m: Any, base: Base | None, mimics: dict[int, Line]) -> Tree:
     """
     bodies, names = names_of(m, "body", m.nbody), names_of(m, "joint", m.njnt)
     base, left = _chosen(m, base)
-    root = _root(m, base, left)
-    tree = Tree((), (), base, root, left, bodies, names)
+    return _read(m, Tree((), (), base, _root(m, base, left), left, bodies, names), mimics)
+
+
+def tree_at(m: Any, top: int, bodies: list[str], names: list[str], mimics: dict[int, Line]) -> Tree:
+    """Read the tree that begins at a body of the world, as it is in that body's frame.
+
+    The root link is the body, or a link without mass in its place if the body moves by joints.  bodies, names: of
+    bodies and joints; mimics: by follower.
+    """
+    base: Base = "floating" if top in _free(m) else "fixed"
+    if base == "floating" or not m.body_jntnum[top]:
+        return _read(m, Tree((), (), base, top, (), bodies, names), mimics)
+    others = tuple(b for b in top_bodies(m) if b != top)
+    return _read(m, Tree((), (), base, 0, others, [unused("base", bodies), *bodies[1:]], names), mimics, top)
+
+
+def top_bodies(m: Any) -> list[int]:
+    """Return the bodies that hang on the world."""
+    return [b for b in range(1, m.nbody) if m.body_parentid[b] == 0]
+
+
+def _read(m: Any, tree: Tree, mimics: dict[int, Line], top: int = 0) -> Tree:
+    """Read links and joints; top: a body whose place counts as that of the root."""
+    root, bodies, names = tree.root, tree.bodies, tree.joint_names
     links = [_link(m, root, bodies[root])]
     joints: list[Joint] = []
     for b in range(1, m.nbody):
         if b != root and tree.holds(m, b):
-            chain = _chain(m, b, bodies, names, [joint.name for joint in joints])
+            place = (np.eye(3), np.zeros(3)) if b == top else (rotation_from_quaternion(m.body_quat[b]), m.body_pos[b])
+            chain = _chain(m, b, place, bodies, names, [joint.name for joint in joints])
             links += [*(Link(joint.child, **MASSLESS) for joint in chain[:-1]), _link(m, b, bodies[b])]
             joints += chain
     follow = {names[j]: Mimic(names[line.leader], line.b, line.offset) for j, line in mimics.items()}
@@ -97,7 +120,7 @@ def _root(m: Any, base: Base, left: tuple[int, ...]) -> int:
     free = [b for b in _free(m) if b not in left]
     if len(free) == 1 and moving_trees(m) == sorted([*free, *left]):
         return free[0] if base == "floating" or _at_origin(m, free[0]) else 0
-    top = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0 and b not in left]
+    top = [b for b in top_bodies(m) if b not in left]
     if len(top) != 1 or m.body_jntnum[top[0]]:
         return 0
     b = top[0]
@@ -126,14 +149,16 @@ def bears_weight(m: Any) -> bool:
     return m.opt.disableflags & off != off and not m.jnt_actgravcomp.any()
 
 
-def _chain(m: Any, b: int, bodies: list[str], names: list[str], taken: list[str]) -> list[Joint]:
-    """Return the joints from a body's parent to the body.
+def _chain(
+    m: Any, b: int, place: tuple[np.ndarray, np.ndarray], bodies: list[str], names: list[str], taken: list[str]
+) -> list[Joint]:
+    """Return the joints from a body's parent to the body, whose rotation and place there are given.
 
     MuJoCo moves a body by its joints one after the other, each about an anchor in the body.  Here each joint has a
     frame at its anchor, turned back by its reference, so that positions count as in the file.  A last fixed joint leads
     from the anchor to the body's own origin, if they differ.
     """
-    parent, E, r = bodies[m.body_parentid[b]], rotation_from_quaternion(m.body_quat[b]), m.body_pos[b].copy()
+    parent, (E, r) = bodies[m.body_parentid[b]], place
     chain, anchor = [], np.zeros(3)
     own = range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b])
     moving = [j for j in own if m.jnt_type[j] != FREE]  # of a base that is to be fixed

@@ -269,7 +269,7 @@ def _robot(
     known = {solid.link.name for solid in solids}
     frames = [end for axis in axes for end in (axis.parent, axis.child) if end not in known]
     links += [Link(frame, **MASSLESS) for frame in dict.fromkeys(frames)]
-    start = (*pose[0], *_quaternion(pose[1]))
+    start = (*pose[0], *quaternion_from_rpy(pose[1]))
     return Robot(
         name=name,
         links=tuple(links),
@@ -307,7 +307,7 @@ def _minus(a: tuple[float, ...], b: tuple[float, ...]) -> Vector:
     return x, y, z
 
 
-def _quaternion(rpy: tuple[float, ...]) -> tuple[float, float, float, float]:
+def quaternion_from_rpy(rpy: tuple[float, ...]) -> tuple[float, float, float, float]:
     """Compute the quaternion w x y z of roll, pitch and yaw [rad]."""
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(angle / 2), math.sin(angle / 2)) for angle in rpy)
     return (

@@ -1,0 +1,312 @@
+"""Read all trees, the shapes that never move, and the ground of an MJCF file.
+
+Each body of the world begins a tree.  If the names of its bodies and joints all begin with "NAME/", as `save_scene` and
+dm_control write them, NAME is its name and they are called by what follows; else it has the name of its first body.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...base.fixed_order import applied, product
+from ...base.flaws import quoted
+from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
+from ...model import Ground, HeightField, Joint
+from ...model.placed import SEPARATOR, link_name
+from ...model.shapes import Shape
+from ..report import Report
+from ..robot import Robot
+from .actuators import read_actuators
+from .causes import doubts, gravity_of, notes, refusals
+from .equalities import Line, couplings
+from .read import compiled, held_by, name_of, postures_of
+from .sizes import documents_of
+from .touching import FRICTIONLESS, excluded_bodies, meets
+from .tree import GEOMS, HFIELD, PLANE, Tree, geometry_of, moving_trees, names_of, top_bodies, tree_at, unused, vector
+
+NO_CONTACT = 1 << 4  # mjtDisableBit, of <flag>
+OBSTACLE = "body"  # the one link of an obstacle
+STEEP = 1e-6  # cosine of the tilt of a plane that is a wall
+
+
+class Part(NamedTuple):
+    """A tree, or what never moves, at its place."""
+
+    robot: Robot
+    position: tuple[float, float, float]
+    orientation: tuple[float, ...]  # quaternion w x y z
+    touching: tuple[Shape, ...]  # of its shapes, those that touch the ground
+
+
+class Content(NamedTuple):
+    """The content of a file."""
+
+    name: str
+    members: list[Part]
+    obstacles: list[Part]
+    ground: Ground | None
+    gravity: tuple[float, float, float]
+    excluded: list[tuple[str, str]]  # links of the scene that do not touch each other
+
+
+class Solids(NamedTuple):
+    """The geoms that touch something."""
+
+    shapes: dict[int, Shape]  # by geom, in the frame of its body, without a link
+    friction: dict[int, float | None]  # with the ground, of those that touch it; None is the ground's
+    collide: np.ndarray  # (n, n) whether two of them touch each other, in the order of `shapes`
+
+
+@np.errstate(all="ignore")  # Link, Joint and the like refuse what is not finite
+def read_scene(path: Path, report: Report) -> Content:
+    """Read all trees of an MJCF file.
+
+    What is ignored goes into the report.  Raises as `read_mjcf`.
+    """
+    documents = documents_of(path)
+    m, remarks = compiled(path, documents)
+    bodies, joints, mimics = names_of(m, "body", m.nbody), names_of(m, "joint", m.njnt), couplings(m)
+    everything = Tree((), (), "fixed", 0, (), bodies, joints)
+    moving = moving_trees(m)
+    for problem in (*refusals(m, everything), *_between_trees(m, mimics, joints)):
+        report.refuse(None, problem)
+    if m.nbody > 1 and not moving:
+        report.refuse(None, "nothing in the file moves; a scene needs a <joint> or <freejoint>: add one to a body")
+    for sentence in (*doubts(m, everything), *_switched_off(m)):
+        report.doubt(sentence)
+    report.raise_problems(path)
+    floor = _floor(m, report)
+    ground = None if floor is None else _ground(m, floor)
+    stated = any("friction" in pair.attrib for root in documents.values() for pair in root.iter("pair"))
+    solids = _solids(m, floor, stated, report)
+    prefixes = _prefixes(m)
+    owners: dict[int, str] = {}  # link in the scene of each geom
+    members, obstacles, taken = [], [], list[str]()
+    for top in top_bodies(m):
+        own = [b for b in range(1, m.nbody) if m.body_rootid[b] == top]
+        name = unused(prefixes.get(top, bodies[top].replace(SEPARATOR, "_")), taken)
+        if top in moving:
+            tree = _tree(m, top, prefixes.get(top, ""), bodies, joints, mimics)
+            members.append(_member(m, tree, top, name, solids, report))
+            links = tree.bodies
+        elif geoms := [g for g in solids.shapes if m.geom_bodyid[g] in own]:
+            obstacles.append(_obstacle(m, top, name, geoms, solids))
+            links = [OBSTACLE] * m.nbody
+        else:
+            continue
+        taken.append(name)
+        owners.update({g: link_name(name, links[m.geom_bodyid[g]]) for g in solids.shapes if m.geom_bodyid[g] in own})
+    for g in (g for g in solids.shapes if m.geom_bodyid[g] == 0):
+        name = unused((m.geom(g).name or f"geom{g}").replace(SEPARATOR, "_"), [*taken, *bodies])
+        obstacles.append(_obstacle(m, 0, name, [g], solids))
+        taken.append(name)
+        owners[g] = link_name(name, OBSTACLE)
+    for sentence in (*notes(m, everything), *remarks):
+        report.remark(sentence)
+    still = [link_name(part.robot.name, OBSTACLE) for part in obstacles]
+    return Content(name_of(m, path), members, obstacles, ground, gravity_of(m), _excluded(solids, owners, still))
+
+
+def _between_trees(m: Any, mimics: Mapping[int, Line], names: list[str]) -> Iterator[str]:
+    """Yield why equalities of joints of two trees are refused."""
+    root = m.body_rootid[m.jnt_bodyid]
+    for j, line in mimics.items():
+        if root[j] != root[line.leader]:
+            yield (
+                f"joint {names[j]!r} follows joint {names[line.leader]!r} of another tree; a joint can follow one of "
+                "its own tree: remove the equality, or set active='false'"
+            )
+
+
+def _switched_off(m: Any) -> Iterator[str]:
+    if m.opt.disableflags & NO_CONTACT:
+        yield "ignored the <flag> that switches off contacts: they stay active"
+    mocap = [m.body(b).name or str(b) for b in range(m.nbody) if m.body_mocapid[b] >= 0]
+    if mocap:
+        yield f"mocap bodies {quoted(mocap)} stand still where the file puts them: nothing drives them"
+
+
+# ---------------------------------------------------------------------------------------------- trees
+
+
+def _prefixes(m: Any) -> dict[int, str]:
+    """Return the NAME of each tree whose names all begin with NAME/, if no other tree has it."""
+    found: dict[int, str] = {}
+    for top in top_bodies(m):
+        own = [m.body(b).name for b in range(1, m.nbody) if m.body_rootid[b] == top]
+        own += [m.joint(j).name for j in range(m.njnt) if m.body_rootid[m.jnt_bodyid[j]] == top]
+        starts = {name.partition(SEPARATOR)[0] if SEPARATOR in name else "" for name in own if name}
+        found[top] = starts.pop() if len(starts) == 1 else ""
+    return {top: name for top, name in found.items() if name and [*found.values()].count(name) == 1}
+
+
+def _tree(m: Any, top: int, prefix: str, bodies: list[str], joints: list[str], mimics: dict[int, Line]) -> Tree:
+    """Read a tree, whose names are given without its prefix."""
+    start = f"{prefix}{SEPARATOR}"
+    if prefix:
+        bodies = [x.removeprefix(start) if m.body_rootid[b] == top else x for b, x in enumerate(bodies)]
+        own = m.body_rootid[m.jnt_bodyid] == top
+        joints = [x.removeprefix(start) if own[j] else x for j, x in enumerate(joints)]
+    bodies = [x or unused(f"body{b}", bodies) for b, x in enumerate(bodies)]
+    joints = [x or unused(f"joint{j}", joints) for j, x in enumerate(joints)]
+    return tree_at(m, top, bodies, joints, mimics)
+
+
+def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Report) -> Part:
+    joints: tuple[Joint, ...] = tree.joints
+    servos = {}
+    with report.blaming():
+        actuators = read_actuators(m, tree, tree.joints)
+        joints, servos = actuators.joints, actuators.servos
+        for sentence in actuators.doubts:
+            report.doubt(sentence)
+        for sentence in actuators.remarks:
+            report.remark(sentence)
+    own = [g for g in solids.shapes if m.body_rootid[m.geom_bodyid[g]] == top]
+    shapes = {g: replace(solids.shapes[g], link=tree.bodies[m.geom_bodyid[g]]) for g in own}
+    robot = Robot(
+        name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree)
+    )
+    touching = tuple(shape for g, shape in shapes.items() if g in solids.friction)
+    return Part(robot, vector(m.body_pos[top]), tuple(m.body_quat[top].tolist()), touching)
+
+
+def _obstacle(m: Any, top: int, name: str, geoms: list[int], solids: Solids) -> Part:
+    """Gather shapes that never move in the frame of a body of the world, or in that of a single geom of the world."""
+    shapes = []
+    for g in geoms:
+        shape, b = solids.shapes[g], int(m.geom_bodyid[g])
+        E, r = rotation_from_quaternion(m.geom_quat[g]), m.geom_pos[g]
+        while b not in (top, 0):
+            turn = rotation_from_quaternion(m.body_quat[b])
+            E, r, b = product(turn, E), m.body_pos[b] + applied(turn, r), int(m.body_parentid[b])
+        xyz, rpy = (vector(r), rpy_from_rotation(E)) if top else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        shapes.append(replace(shape, link=OBSTACLE, xyz=xyz, rpy=rpy, friction=None))
+    position, quaternion = (m.body_pos[top], m.body_quat[top]) if top else (m.geom_pos[geoms[0]], m.geom_quat[geoms[0]])
+    robot = Robot(name, (), (), tuple(shapes), "fixed")
+    return Part(robot, vector(position), tuple(quaternion.tolist()), ())
+
+
+# ---------------------------------------------------------------------------------------------- shapes
+
+
+def _solids(m: Any, floor: int | None, stated: bool, report: Report) -> Solids:
+    """Find the geoms that touch something, which touch the ground, and which each other.
+
+    stated: whether the file states a friction of a <pair>.
+    """
+    paired = {(int(one), int(two)) for one, two in zip(m.pair_geom1, m.pair_geom2)}
+    alone = {g for pair in paired for g in pair}
+    names = names_of(m, "geom", m.ngeom)
+    shapes: dict[int, Shape] = {}
+    left: dict[str, list[str]] = {}
+    for g in range(m.ngeom):
+        if g == floor or not (m.geom_contype[g] or m.geom_conaffinity[g] or g in alone):
+            continue
+        geometry = geometry_of(m, g)
+        if geometry is None:
+            left.setdefault(GEOMS[m.geom_type[g]], []).append(names[g])
+            continue
+        rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
+        shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, names[g])
+    for kind, geoms in left.items():
+        report.doubt(f"ignored geoms {quoted(geoms)} of type {kind}, which no shape is")
+    friction = {g: mu for g in shapes if m.body_weldid[m.geom_bodyid[g]] for mu in _on_floor(m, g, floor, stated)}
+    for g, mu in friction.items():
+        shapes[g] = replace(shapes[g], friction=mu)
+    return Solids(shapes, friction, _collisions(m, [*shapes], paired))
+
+
+def _on_floor(m: Any, g: int, floor: int | None, stated: bool) -> Iterator[float | None]:
+    """Yield the friction of a geom with the ground, None for the ground's own; nothing if it does not touch it.
+
+    MuJoCo takes what the <pair> of the two says, else that of the geom of higher priority, else the larger one.
+    """
+    if floor is None:
+        if meets(m, g, None):
+            yield None
+        return
+    for k in range(m.npair):
+        if {int(m.pair_geom1[k]), int(m.pair_geom2[k])} == {g, floor}:
+            yield 0.0 if m.pair_dim[k] == FRICTIONLESS else float(m.pair_friction[k, 0]) if stated else None
+            return
+    if not meets(m, g, floor) or (int(m.geom_bodyid[floor]), int(m.geom_bodyid[g])) in excluded_bodies(m):
+        return
+    both = [g, floor]
+    highest = max(m.geom_priority[both])
+    acting = [k for k in both if m.geom_priority[k] == highest]
+    mu = max(float(m.geom_friction[k, 0]) for k in acting)
+    mu = 0.0 if max(m.geom_condim[acting]) == FRICTIONLESS else mu
+    yield None if mu == float(m.geom_friction[floor, 0]) else mu
+
+
+def _collisions(m: Any, geoms: list[int], paired: set[tuple[int, int]]) -> np.ndarray:
+    """Return which geoms (n, n) may touch each other by contype and conaffinity, <exclude> and <pair>."""
+    kind, affinity, body = (x[geoms] for x in (m.geom_contype, m.geom_conaffinity, m.geom_bodyid))
+    found = (kind[:, None] & affinity) != 0
+    found |= found.T
+    for one, two in excluded_bodies(m):
+        found[np.ix_(body == one, body == two)] = False
+    row = {g: k for k, g in enumerate(geoms)}
+    for one, two in paired:
+        if one in row and two in row:
+            found[row[one], row[two]] = found[row[two], row[one]] = True
+    return found
+
+
+def _excluded(solids: Solids, owners: Mapping[int, str], still: list[str]) -> list[tuple[str, str]]:
+    """Return the pairs of links that never touch, without those of two obstacles."""
+    links = list(dict.fromkeys(owners[g] for g in solids.shapes))
+    belongs = np.array([[owners[g] == link for g in solids.shapes] for link in links]).reshape(len(links), -1)
+    touch = belongs.astype(float) @ solids.collide.astype(float) @ belongs.T.astype(float) > 0
+    moves = np.array([link not in set(still) for link in links], bool)
+    one, two = np.nonzero(np.triu(~touch & (moves[:, None] | moves), 1)) if links else ((), ())
+    return [(links[i], links[j]) for i, j in zip(one, two)]
+
+
+# ---------------------------------------------------------------------------------------------- ground
+
+
+def _floor(m: Any, report: Report) -> int | None:
+    """Return the geom that is the ground: the first plane that is no wall, or level height field, that never moves."""
+    planes = [g for g in range(m.ngeom) if m.geom_type[g] in (PLANE, HFIELD) and not m.body_weldid[m.geom_bodyid[g]]]
+    touched = [g for g in planes if m.geom_contype[g] or m.geom_conaffinity[g] or g in {*m.pair_geom1, *m.pair_geom2}]
+    good = []
+    for g in touched:
+        E, _ = _in_world(m, g)
+        good += [g] if E[2, 2] > STEEP and (m.geom_type[g] == PLANE or np.array_equal(E, np.eye(3))) else []
+    if good and len(touched) > 1:
+        report.doubt(f"took geom {names_of(m, 'geom', m.ngeom)[good[0]]!r} as the ground: a scene has one")
+    return good[0] if good else None
+
+
+def _in_world(m: Any, g: int) -> tuple[np.ndarray, np.ndarray]:
+    """Compute rotation (3, 3) and place (3,) [m] of a geom that never moves in the world."""
+    E, r, b = rotation_from_quaternion(m.geom_quat[g]), m.geom_pos[g], int(m.geom_bodyid[g])
+    while b:
+        turn = rotation_from_quaternion(m.body_quat[b])
+        E, r, b = product(turn, E), m.body_pos[b] + applied(turn, r), int(m.body_parentid[b])
+    return E, r
+
+
+def _ground(m: Any, g: int) -> Ground:
+    """Return the ground that a plane or height field is; how it gives way is that of `Ground`, not of the file."""
+    (E, r), friction = _in_world(m, g), float(m.geom_friction[g, 0])
+    if m.geom_type[g] == HFIELD:
+        k = int(m.geom_dataid[g])
+        rows, columns, start = int(m.hfield_nrow[k]), int(m.hfield_ncol[k]), int(m.hfield_adr[k])
+        half_x, half_y, top, _ = m.hfield_size[k].tolist()
+        heights = m.hfield_data[start : start + rows * columns].astype(float).reshape(rows, columns).T * top
+        spacing = (2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1))
+        field = HeightField(heights, spacing, (float(r[0]) - half_x, float(r[1]) - half_y))
+        return Ground(friction, height=float(r[2]), field=field)
+    x, y, z = E[:, 2].tolist()  # the normal
+    height = (x * float(r[0]) + y * float(r[1]) + z * float(r[2])) / z
+    slope = math.atan2(math.hypot(x, y), z)
+    return Ground(friction, height=height, slope=slope, heading=math.atan2(-y, -x) if slope else 0.0)

@@ -1,0 +1,216 @@
+"""Read scenes from TOML: the files of robots, objects and obstacles of one shape, ground and gravity.
+
+::
+
+    name = "kitchen"                     # else the file's
+    gravity = [0.0, 0.0, -9.81]
+    excluded = [["left/hand", "cup/body"]]         # links that do not touch each other
+
+    [ground]                             # fields of Ground: friction, penetration, damping_ratio, height, slope, ...
+    friction = 0.8
+
+    [[robots]]
+    file = "arm.urdf"                    # beside this file; or a name of robot_names()
+    name = "left"
+    position = [0.0, 0.3, 0.0]
+    rpy = [0.0, 0.0, 1.5]                # or orientation = [w, x, y, z]
+    gearbox = "rotor"                    # or "none"; without it that of the scene
+    locked = "default"                   # base, locked, contacts: as load_robot takes them
+    servos = {default = "ax12"}          # in place of those of the robot's files
+
+    [[objects]]
+    name = "cup"
+    shape = "cylinder"                   # or sphere, capsule, box, mesh, hull, with their fields
+    radius = 0.04
+    length = 0.1
+    mass = 0.2
+    friction = 0.5
+
+    [[obstacles]]                        # never move
+    name = "table"
+    shape = "box"
+    size = [0.8, 0.8, 0.02]
+    position = [0.5, 0.0, 0.7]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from ..base.flaws import quoted
+from ..base.rotation import Vector
+from ..geometry.body import body
+from ..model import Ground, Model
+from ..model.placed import OF_SCENE, Placed, SceneModel
+from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
+from .load import load_robot
+from .report import Report
+from .servos import read_servos
+from .simtwo.read import quaternion_from_rpy
+from .source import robot_names
+from .toml import Problems, at, check_keys, number, read_toml, real, string, table_of, truth, vector
+
+TOP = ("name", "gravity", "excluded", "ground", "robots", "objects", "obstacles")
+PLACE = ("name", "position", "orientation", "rpy")
+OF_ROBOT = ("file", "base", "locked", "contacts", "gearbox", "ground_contact", "servos")
+SHAPES: dict[str, type] = {kind.__name__.lower(): kind for kind in (Sphere, Capsule, Cylinder, Box, Mesh, Hull)}
+NO_SERVOS = "none"  # as a gearbox
+
+
+def read_scene_toml(path: Path, strict: bool) -> SceneModel:
+    """Read a scene; raise ValueError for what the file says wrongly, each with its line."""
+    table, problems = read_toml(path), Problems()
+    with problems.at(table):
+        check_keys(table, TOP, "top level")
+    found: dict[str, Any] = {"name": path.stem, "source": str(path)}
+    with problems.at(table, "name"):
+        found["name"] = string(table, "name", "scene") if "name" in table else path.stem
+    with problems.at(table, "gravity"):
+        found["gravity"] = vector(table, "gravity", "scene") if "gravity" in table else None
+    with problems.at(table, "excluded"):
+        found["excluded"] = _pairs(table.get("excluded", []))
+    with problems.at(table, "ground"):
+        found["ground"] = _ground(table_of(table, "ground", "")) if "ground" in table else None
+    placed: dict[str, list[Placed]] = {"robots": [], "objects": [], "obstacles": []}
+    for section, members in placed.items():
+        with problems.at(table, section):
+            rows = _rows(table, section)
+        for k, row in enumerate(rows):
+            with problems.at(row):
+                what = f"{section}[{k}]"
+                members.append(
+                    _robot(row, what, path.parent, strict) if section == "robots" else _solid(row, what, path.parent)
+                )
+    problems.raise_all()
+    return SceneModel(members=(*placed["robots"], *placed["objects"]), obstacles=tuple(placed["obstacles"]), **found)
+
+
+def _rows(table: Mapping[str, Any], section: str) -> list[dict[str, Any]]:
+    rows = table.get(section, [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise ValueError(f"{section} is {rows!r}; expected tables: write [[{section}]] above each")
+    return rows
+
+
+def _pairs(rows: Any) -> tuple[tuple[str, str], ...]:
+    if not isinstance(rows, list) or not all(
+        isinstance(row, list) and len(row) == 2 and all(isinstance(name, str) for name in row) for row in rows
+    ):
+        raise ValueError(f'excluded is {rows!r}; expected pairs of links: write [["robot/link", "object/body"], ...]')
+    return tuple((one, two) for one, two in rows)
+
+
+def _ground(table: dict[str, Any]) -> Ground:
+    """Read [ground]: the numbers of Ground, and its steps; a height field comes from Python."""
+    numbers = tuple(f.name for f in fields(Ground) if f.name not in ("steps", "field"))
+    check_keys(table, (*numbers, "steps"), "ground")
+    problems, found = Problems(), dict[str, Any]()
+    for key in table:
+        with problems.at(table, key):
+            found[key] = number(table, key, "ground") if key != "steps" else _steps(table[key])
+    problems.raise_all()
+    return Ground(**found)
+
+
+def _steps(rows: Any) -> tuple[tuple[float, ...], ...]:
+    if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == 2 for row in rows):
+        raise ValueError(f"ground: steps is {rows!r}; expected distance and rise of each: write [[0.5, 0.02], ...]")
+    return tuple(tuple(real(x, "ground: steps") for x in row) for row in rows)
+
+
+# ---------------------------------------------------------------------------------------------- members
+
+
+def _robot(row: dict[str, Any], what: str, folder: Path, strict: bool) -> Placed:
+    check_keys(row, (*PLACE, *OF_ROBOT), what)
+    with at(row, "file"):
+        file = string(row, "file", what)
+        path: str | Path = file if file in robot_names() else folder / file
+    options: dict[str, Any] = {}
+    if "base" in row:
+        options["base"] = string(row, "base", what)
+    for key in ("locked", "contacts"):
+        if key in row:
+            options[key] = row[key]
+    with at(row, "file"):
+        model = _loaded(path, options, what, strict)
+    if "servos" in row:
+        table = table_of(row, "servos", f"{what}.")
+        report = Report({}, strict)
+        model = replace(model, servos=read_servos(table, model.joints, folder, report))
+        report.raise_problems(Path(model.source))
+    gearbox: str | None = string(row, "gearbox", what) if "gearbox" in row else OF_SCENE
+    contact = truth(row, "ground_contact", what) if "ground_contact" in row else True
+    return _placed(row, what, model, None if gearbox == NO_SERVOS else gearbox, contact)
+
+
+def _loaded(path: str | Path, options: dict[str, Any], what: str, strict: bool) -> Model:
+    try:
+        return load_robot(path, strict=strict, **options)
+    except TypeError as error:
+        raise ValueError(f"{what}: {error}") from error
+
+
+def _solid(row: dict[str, Any], what: str, folder: Path) -> Placed:
+    """Read an object or an obstacle."""
+    moves = what.startswith("objects")
+    with at(row, "shape"):
+        shape = string(row, "shape", what)
+        if shape not in SHAPES:
+            raise ValueError(f"{what}: shape is {shape!r}; expected one of {quoted(SHAPES)}: use one of these")
+    kind = SHAPES[shape]
+    own = tuple(f.name for f in fields(kind))
+    check_keys(
+        row, (*PLACE, "shape", *own, *(("mass", "inertia", "center_of_mass", "friction") if moves else ())), what
+    )
+    geometry = _geometry(kind, {key: row[key] for key in own if key in row}, row, what, folder)
+    given: dict[str, Any] = {"name": string(row, "name", what)}
+    if moves:
+        given["mass"] = number(row, "mass", what)
+        given |= {"friction": number(row, "friction", what)} if "friction" in row else {}
+        given |= {key: _numbers(row, key, what) for key in ("inertia", "center_of_mass") if key in row}
+    return _placed(row, what, body(geometry, base="floating" if moves else "fixed", **given))
+
+
+def _geometry(kind: type, stated: dict[str, Any], row: Mapping[str, Any], what: str, folder: Path) -> Geometry:
+    missing = [f.name for f in fields(kind) if f.name not in row and f.name != "scale"]
+    if missing:
+        raise ValueError(f"{what}: {missing[0]} is missing; a {kind.__name__.lower()} needs it: add {missing[0]} = ...")
+    read = {"size": vector, "scale": vector, "file": string}
+    for key in stated:
+        with at(row, key):
+            if key == "points":
+                points = row[key] if isinstance(row[key], list) else []
+                stated[key] = tuple(vector({key: point}, key, what) for point in points)
+            else:
+                stated[key] = read.get(key, number)(row, key, what)
+    if kind is Mesh:
+        stated["file"] = str(folder / stated["file"])
+    return kind(**stated)
+
+
+def _placed(
+    row: dict[str, Any], what: str, model: Model, gearbox: str | None = OF_SCENE, ground_contact: bool = True
+) -> Placed:
+    """Put a model at the place that its table states."""
+    if "rpy" in row and "orientation" in row:
+        raise ValueError(f"{what}: both rpy and orientation are given; keep one of the two")
+    place: dict[str, Any] = {}
+    if "position" in row:
+        place["position"] = vector(row, "position", what)
+    if "orientation" in row:
+        place["orientation"] = _numbers(row, "orientation", what)
+    if "rpy" in row:
+        angles: Vector = vector(row, "rpy", what)
+        place["orientation"] = quaternion_from_rpy(tuple(angles))
+    name = string(row, "name", what) if "name" in row else ""
+    return Placed(model, name, gearbox=gearbox, ground_contact=ground_contact, **place)
+
+
+def _numbers(row: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
+    if not isinstance(row[key], list):
+        raise ValueError(f"{what}: {key} is {row[key]!r}; expected a list of numbers")
+    return tuple(real(x, f"{what}: {key}") for x in row[key])

@@ -1,0 +1,316 @@
+"""Scenes of several models from MJCF and TOML, against what MuJoCo makes of them."""
+
+import random
+import re
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherstone_gait import (
+    Box,
+    Ground,
+    RobotFileWarning,
+    inverse_dynamics,
+    load_robot,
+    load_scene,
+    load_servo,
+    mass_matrix,
+)
+from featherstone_gait.base.rotation import rotation_from_quaternion
+
+mujoco = pytest.importorskip("mujoco")
+
+FREE = 0  # mjtJoint
+IDLE = (1 << 0) | (1 << 4) | (1 << 11)  # <flag>: no constraints, contacts, drives
+ARM = """
+<body name="{0}/shoulder" pos="{1} 0.2 0.5" euler="10 20 30" gravcomp="0.3">
+  <joint name="{0}/turn" axis="0 0 1" range="-90 90" damping="0.1" armature="0.01"/>
+  <geom name="{0}/upper" type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/>
+  <body name="{0}/fore" pos="0.3 0 0">
+    <joint name="{0}/bend" axis="0 1 0" pos="0.01 0 0.02"/>
+    <geom type="box" size="0.1 0.02 0.02" pos="0.1 0 0" friction="1.2"/>
+  </body>
+</body>
+"""
+SCENE = f"""
+<mujoco model="bench">
+  <option gravity="0 0.5 -9"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 1" pos="0 0 -0.1" euler="0 -5 0" friction="0.7"/>
+    <geom name="pillar" type="cylinder" size="0.1 0.5" pos="1 1 0.5" euler="0 0 30"/>
+    {ARM.format("left", 0)}
+    {ARM.format("right", 1)}
+    <body name="cup" pos="0.5 0 0.1" euler="0 0 45">
+      <freejoint/>
+      <geom type="sphere" size="0.05" mass="0.2"/>
+      <geom type="box" size="0.05 0.02 0.01" pos="0 0.1 0" mass="0.1" contype="2" conaffinity="2"/>
+    </body>
+    <body name="table" pos="0 1 0">
+      <geom type="box" size="0.4 0.4 0.01" pos="0 0 0.3"/>
+      <body pos="0.4 0 0" euler="0 0 90"><geom type="sphere" size="0.02" pos="0 0.1 0"/></body>
+    </body>
+    <body name="bulb" pos="0 0 2"><geom type="sphere" size="0.1" contype="0" conaffinity="0"/></body>
+  </worldbody>
+  <contact>
+    <exclude body1="left/fore" body2="right/fore"/>
+    <pair geom1="pillar" geom2="left/upper"/>
+  </contact>
+  <actuator>
+    <position joint="left/bend" kp="20"/>
+    <motor joint="right/turn" gear="3" ctrllimited="true" ctrlrange="-1 1"/>
+  </actuator>
+  <equality><joint joint1="right/bend" joint2="right/turn" polycoef="0 0.5 0 0 0"/></equality>
+  <keyframe><key name="home" qpos="0.1 0.2 0.3 0.4 0.5 0.6 0.7 0 1 0 0"/></keyframe>
+</mujoco>
+"""
+TOML = """
+gravity = [0.0, 0.0, -9.0]
+excluded = [["left/base", "cup/body"]]
+
+[ground]
+friction = 0.8
+steps = [[0.5, 0.02]]
+
+[[robots]]
+file = "arm7"
+name = "left"
+position = [0.0, 0.3, 0.0]
+rpy = [0.0, 0.0, 1.5]
+gearbox = "none"
+
+[[robots]]
+file = "ax12_arm"
+orientation = [1, 0, 0, 1]
+ground_contact = false
+[robots.servos]
+default = "ax12a"
+
+[[objects]]
+name = "cup"
+shape = "cylinder"
+radius = 0.04
+length = 0.1
+mass = 0.2
+friction = 0.5
+
+[[obstacles]]
+name = "table"
+shape = "box"
+size = [0.8, 0.8, 0.02]
+position = [0.5, 0.0, 0.7]
+"""
+
+
+def written(tmp_path, text, name="scene.xml"):
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path / name
+
+
+def quiet(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RobotFileWarning)
+        return load_scene(path)
+
+
+def in_mujoco(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return mujoco.MjSpec.from_file(str(path)).compile()
+
+
+def assert_moves_as_in_mujoco(path, scene, tolerance=1e-10):
+    """Mass matrix and bias forces of each member are its block of MuJoCo's, in the first keyframe."""
+    m = in_mujoco(path)
+    m.opt.disableflags |= IDLE
+    m.opt.density = m.opt.viscosity = 0.0
+    data = mujoco.MjData(m)
+    data.qvel[:] = np.random.default_rng(1).normal(size=m.nv)
+    if m.nkey:
+        data.qpos[:] = m.key_qpos[0]
+    mujoco.mj_forward(m, data)
+    M, unit = np.zeros((m.nv, m.nv)), np.eye(m.nv)
+    for k in range(m.nv):
+        mujoco.mj_mulM(m, data, M[k], unit[k])
+    tops = sorted({int(b) for b in m.body_rootid[m.dof_bodyid]})
+    assert len(tops) == len(scene.members)
+    for top, placed in zip(tops, scene.members):
+        model, own = placed.model, np.flatnonzero(m.body_rootid[m.dof_bodyid] == top)
+        joints = np.flatnonzero(m.body_rootid[m.jnt_bodyid] == top)
+        q = np.concatenate([data.qpos[m.jnt_qposadr[j] :][: 7 if m.jnt_type[j] == FREE else 1] for j in joints])
+        if m.nkey:
+            assert next(iter(model.keyframes.values())) == pytest.approx(q, abs=1e-15)
+        armature = np.array([joint.armature for joint in model.moving_joints])
+        here = M[np.ix_(own, own)] - np.diag([*m.dof_armature[own[: len(own) - len(armature)]], *(0.0 * armature)])
+        assert mass_matrix(model, q, armature=armature) == pytest.approx(here, abs=tolerance)
+        fixed = rotation_from_quaternion(placed.orientation) if model.base == "fixed" else np.eye(3)
+        still, slack = np.zeros(len(own)), np.zeros(len(armature))
+        gravity = tuple(fixed.T @ scene.gravity)
+        bias = inverse_dynamics(model, q, data.qvel[own], still, armature=armature, stiffness=slack, gravity=gravity)
+        assert bias == pytest.approx((data.qfrc_bias - data.qfrc_gravcomp)[own], abs=tolerance)
+
+
+@pytest.fixture
+def bench(tmp_path):
+    return quiet(written(tmp_path, SCENE))
+
+
+def test_each_tree_moves_as_in_mujoco(tmp_path):
+    path = written(tmp_path, re.sub("<equality>.*</equality>", "", SCENE))
+    assert_moves_as_in_mujoco(path, quiet(path))
+
+
+def test_names_places_and_what_is_still(bench):
+    assert [placed.name for placed in bench.members] == ["left", "right", "cup"]
+    assert [joint.name for joint in bench.member("right").model.moving_joints] == ["turn", "bend"]
+    assert bench.member("right").position == (1.0, 0.2, 0.5)
+    assert bench.member("cup").orientation == pytest.approx((np.cos(np.pi / 8), 0.0, 0.0, np.sin(np.pi / 8)))
+    assert {placed.name: len(placed.model.shapes) for placed in bench.obstacles} == {"table": 2, "pillar": 1}
+    far = bench.member("table").model.shapes[1]
+    assert far.xyz == pytest.approx((0.3, 0.0, 0.0), abs=1e-15)
+    assert bench.gravity == (0.0, 0.5, -9.0)
+    assert bench.member("left").model.keyframes["home"] == (0.1, 0.2)
+
+
+def test_drives_and_couplings_stay_with_their_tree(bench):
+    left, right = bench.member("left").model, bench.member("right").model
+    assert list(left.servos) == ["bend"]
+    assert not right.servos
+    assert right.joint("turn").effort == 3.0
+    assert right.joint("bend").mimic.joint == "turn"
+
+
+def test_the_plane_is_the_ground_with_the_larger_friction_of_two(bench):
+    ground = bench.ground
+    assert (ground.friction, ground.height) == (0.7, -0.1)
+    assert (ground.slope, ground.heading) == pytest.approx((np.radians(5.0), 0.0), abs=1e-12)
+    fore = {point.friction for point in bench.member("left").model.contacts if point.link == "fore"}
+    assert fore == {1.2}
+    assert len(bench.member("cup").model.contacts) == 1
+    assert len(bench.member("cup").model.shapes) == 2
+
+
+def test_links_that_never_touch_are_listed(bench):
+    pairs = {frozenset(pair) for pair in bench.excluded}
+    assert {"left/fore", "right/fore"} in pairs
+    assert not {frozenset(("left/shoulder", "pillar/body")), frozenset(("cup/cup", "pillar/body"))} & pairs
+
+
+def test_load_robot_names_load_scene_for_what_it_leaves_out(tmp_path):
+    with pytest.warns(RobotFileWarning, match="load_scene"):
+        load_robot(written(tmp_path, SCENE.replace("<equality>", "<!--").replace("</equality>", "-->")))
+
+
+def test_a_toml_file_names_robots_objects_and_obstacles(tmp_path):
+    scene = load_scene(written(tmp_path, TOML, "kitchen.toml"))
+    assert scene.name == "kitchen"
+    left, other, cup = scene.members
+    assert (left.gearbox, other.gearbox, other.name) == (None, "scene", "ax12_arm")
+    assert left.orientation == pytest.approx((np.cos(0.75), 0.0, 0.0, np.sin(0.75)), abs=1e-15)
+    assert not other.ground_contact
+    assert {servo.gearbox for servo in other.model.servos.values()} == {load_servo("ax12a").gearbox}
+    assert cup.model.mass == 0.2
+    assert scene.obstacles[0].model.shapes[0].geometry == Box((0.8, 0.8, 0.02))
+    assert scene.ground == Ground(0.8, steps=((0.5, 0.02),))
+    assert scene.excluded == (("left/base", "cup/body"),)
+
+
+# ---------------------------------------------------------------------------------------------- attacks
+
+VALUES = (
+    "",
+    "x",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e300",
+    "0 0",
+    "1 2 3 4 5 6 7 8",
+    "true",
+    "left/turn",
+    "mesh",
+    "%s",
+    "[]",
+    "''",
+)
+
+
+def mutated(text, random):
+    """Damage a text: change a value or a number, remove or repeat a line, cut the rest off."""
+    kind = random.randrange(5)
+    if kind <= 1:
+        spots = [*re.finditer(r'"[^"]*"' if kind else r"[-\d.]+", text)]
+        spot = random.choice(spots)
+        value = random.choice(VALUES)
+        return text[: spot.start()] + (f'"{value}"' if kind else value or "1e999") + text[spot.end() :]
+    lines = text.splitlines(keepends=True)
+    k = random.randrange(len(lines))
+    if kind == 2:
+        return "".join(lines[:k] + lines[k + 1 :])
+    if kind == 3:
+        return "".join(lines[: k + 1] + lines[k:])
+    at = random.randrange(len(text))
+    return (
+        text[:at]
+        + random.choice(["", '"', "<", "=", "[", "\0", "\u00e9", "<body>", "</body>"])
+        + text[at + random.randrange(9) :]
+    )
+
+
+def attack(tmp_path, text, name, count, seed):
+    """Load damaged files; each is read, or refused with the name of the file."""
+    draws, refused = random.Random(seed), 0
+    for _ in range(count):
+        damaged = mutated(text, draws)
+        for _ in range(draws.randrange(3)):
+            damaged = mutated(damaged, draws)
+        path = written(tmp_path, damaged, name)
+        try:
+            quiet(path)
+        except ValueError as error:
+            refused += 1
+            message = str(error)
+        else:
+            message = name
+        assert name in message, damaged
+    return refused
+
+
+@pytest.mark.parametrize("name", ["scene.xml", "scene.toml"])
+def test_damaged_files_are_refused_or_read(tmp_path, name):
+    assert attack(tmp_path, SCENE if name.endswith("xml") else TOML, name, 60, seed=1) > 20
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["scene.xml", "scene.toml"])
+def test_many_damaged_files_are_refused_or_read(tmp_path, name):
+    assert attack(tmp_path, SCENE if name.endswith("xml") else TOML, name, 3000, seed=2) > 1000
+
+
+# ---------------------------------------------------------------------------------------------- published files
+
+FOLDERS = [Path(folder) / package for folder in sys.path for package in ("gymnasium", "dm_control", "pybullet_data")]
+LOOPS = ("quadruped.xml",)  # whose equalities bind three joints, which load_robot refuses too
+
+
+def published():
+    """Files of installed packages that have several trees."""
+    for path in sorted(path for folder in FOLDERS for path in folder.rglob("*.xml")):
+        try:
+            m = in_mujoco(path)
+        except (ValueError, RuntimeError):
+            continue
+        if len({*m.body_rootid[m.dof_bodyid].tolist()}) > 1 and path.name not in LOOPS:
+            yield path
+
+
+@pytest.mark.long
+def test_published_scenes_move_as_in_mujoco():
+    paths = [*published()]
+    if not paths:
+        pytest.skip("none of gymnasium, dm_control and pybullet_data is installed")
+    for path in paths:
+        assert_moves_as_in_mujoco(path, quiet(path))
