@@ -1,4 +1,4 @@
-"""Load scenes of several models: MJCF files with all that is in them, and TOML files that name robots and objects."""
+"""Load scenes of several models from MJCF and from TOML files that name robots and objects; save them as MJCF."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..base.arguments import instance, truth
+from ..base.files import complete
 from ..geometry.contact_choice import with_contacts
 from ..model import Link, Model
 from ..model.placed import Placed, SceneModel
 from .load import model_of, resolve_couplings
 from .markup import read_markup
 from .mjcf.scene import OBSTACLE, Part, read_scene
+from .mjcf.write_scene import scene_text
 from .plausible import doubt_inertias
 from .report import Report, blamed_on
+from .save import MJCF
 from .scene_toml import read_scene_toml
 from .settings import Settings
 
@@ -73,6 +76,38 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
         )  # fmt: skip
     report.warn(path, stacklevel=2)
     return scene
+
+
+def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:
+    """Save a scene as MJCF, which MuJoCo opens and `load_scene` reads back.
+
+    Bodies and joints are named "name/link" and "name/joint".  Comments say what the file lacks of each model, as those
+    of `save_robot` do; the ground gives way as under the heaviest member.  Contact points that are not those of a
+    shape become small spheres and flat cylinders.  Every keyframe of a member becomes one of the scene, in which the
+    others stand where they start, or as their keyframe of that name says.
+
+    Parameters
+    ----------
+    scene : SceneModel
+        The scene.
+    path : str or path
+        Path that ends in .xml or .mjcf; the file is written in full or not at all.
+
+    Raises
+    ------
+    ValueError
+        For another suffix, and for a model that MJCF cannot state.
+    OSError
+        If the file cannot be written.
+    """
+    instance("scene", scene, SceneModel, "give what load_scene returns, or SceneModel(name, members)")
+    instance("path", path, (str, os.PathLike), "give the path of a file")
+    path = Path(path)
+    if path.suffix not in MJCF:
+        raise ValueError(f"{path}: the file name must end in .xml or .mjcf; scenes are written as MJCF: rename it")
+    text = scene_text(scene)
+    with complete(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _model(path: Path, part: Part, report: Report) -> Model:

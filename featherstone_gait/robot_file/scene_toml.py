@@ -12,7 +12,7 @@
     [[robots]]
     file = "arm.urdf"                    # beside this file; or a name of robot_names()
     name = "left"
-    position = [0.0, 0.3, 0.0]
+    position = [0.0, 0.3, 0.0]           # of two numbers, x and y, a floating robot stands on the ground there
     rpy = [0.0, 0.0, 1.5]                # or orientation = [w, x, y, z]
     gearbox = "rotor"                    # or "none"; without it that of the scene
     locked = "default"                   # base, locked, contacts: as load_robot takes them
@@ -200,7 +200,7 @@ def _placed(
         raise ValueError(f"{what}: both rpy and orientation are given; keep one of the two")
     place: dict[str, Any] = {}
     if "position" in row:
-        place["position"] = vector(row, "position", what)
+        place["position"] = _numbers(row, "position", what)
     if "orientation" in row:
         place["orientation"] = _numbers(row, "orientation", what)
     if "rpy" in row:

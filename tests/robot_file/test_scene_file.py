@@ -18,6 +18,7 @@ from featherstone_gait import (
     load_scene,
     load_servo,
     mass_matrix,
+    save_scene,
 )
 from featherstone_gait.base.rotation import rotation_from_quaternion
 
@@ -126,6 +127,8 @@ def assert_moves_as_in_mujoco(path, scene, tolerance=1e-10):
     m = in_mujoco(path)
     m.opt.disableflags |= IDLE
     m.opt.density = m.opt.viscosity = 0.0
+    if hasattr(m, "actuator_armature"):
+        m.actuator_armature[:] = 0.0  # rotors, which belong to servos here
     data = mujoco.MjData(m)
     data.qvel[:] = np.random.default_rng(1).normal(size=m.nv)
     if m.nkey:
@@ -215,6 +218,48 @@ def test_a_toml_file_names_robots_objects_and_obstacles(tmp_path):
     assert scene.obstacles[0].model.shapes[0].geometry == Box((0.8, 0.8, 0.02))
     assert scene.ground == Ground(0.8, steps=((0.5, 0.02),))
     assert scene.excluded == (("left/base", "cup/body"),)
+
+
+# ---------------------------------------------------------------------------------------------- saving
+
+
+def assert_alike(one, two):
+    """Two scenes move alike and touch the same."""
+    assert [placed.name for placed in one.all] == [placed.name for placed in two.all]
+    assert (one.name, one.gravity) == (two.name, two.gravity)
+    assert {*map(frozenset, one.excluded)} == {*map(frozenset, two.excluded)}
+    assert (one.ground is None) == (two.ground is None)
+    if one.ground is not None and one.ground.field is None:
+        fields = ("friction", "height", "slope", "heading")
+        assert [getattr(one.ground, x) for x in fields] == pytest.approx([getattr(two.ground, x) for x in fields])
+    for a, b in zip(one.all, two.all):
+        assert (a.position, a.orientation) == (pytest.approx(b.position), pytest.approx(b.orientation))
+        assert [x.name for x in a.model.links if x.mass] == [x.name for x in b.model.links if x.mass]
+        assert a.model.joint_names == b.model.joint_names
+        assert len(a.model.shapes) == len(b.model.shapes)
+        points = [sorted((p.link, p.friction or -1.0, *p.position) for p in x.model.contacts) for x in (a, b)]
+        assert [x[:2] for x in points[0]] == [x[:2] for x in points[1]]
+        assert np.array([x[2:] for x in points[0]]) == pytest.approx(np.array([x[2:] for x in points[1]]), abs=1e-6)
+
+
+def test_a_saved_scene_moves_and_touches_as_before(tmp_path):
+    scene = quiet(written(tmp_path, re.sub("<equality>.*</equality>", "", SCENE)))
+    save_scene(scene, tmp_path / "saved.xml")
+    again = quiet(tmp_path / "saved.xml")
+    assert_alike(scene, again)
+    assert_moves_as_in_mujoco(tmp_path / "saved.xml", again)
+    assert_moves_as_in_mujoco(tmp_path / "saved.xml", scene)
+
+
+def test_a_scene_of_toml_is_saved_as_mjcf(tmp_path):
+    scene = load_scene(written(tmp_path, TOML, "kitchen.toml"))
+    save_scene(scene, tmp_path / "saved.xml")
+    again = quiet(tmp_path / "saved.xml")
+    assert [placed.name for placed in again.all] == ["left", "ax12_arm", "cup", "table"]
+    assert_moves_as_in_mujoco(tmp_path / "saved.xml", again)
+    assert again.excluded[:1] == scene.excluded[:1] or not scene.member("left").model.shapes
+    with pytest.raises(ValueError, match=r"\.xml"):
+        save_scene(scene, tmp_path / "saved.toml")
 
 
 # ---------------------------------------------------------------------------------------------- attacks
@@ -308,9 +353,14 @@ def published():
 
 
 @pytest.mark.long
-def test_published_scenes_move_as_in_mujoco():
+def test_published_scenes_move_as_in_mujoco(tmp_path):
     paths = [*published()]
     if not paths:
         pytest.skip("none of gymnasium, dm_control and pybullet_data is installed")
     for path in paths:
-        assert_moves_as_in_mujoco(path, quiet(path))
+        scene = quiet(path)
+        assert_moves_as_in_mujoco(path, scene)
+        save_scene(scene, tmp_path / "saved.xml")
+        again = quiet(tmp_path / "saved.xml")
+        assert_alike(scene, again)
+        assert_moves_as_in_mujoco(tmp_path / "saved.xml", again)

@@ -1,0 +1,186 @@
+"""Write a scene of several models as one MJCF file.
+
+Each model is written by itself, its names get "NAME/" in front, and it is put at its place.  Contact bits: the ground
+has affinity 1; shapes have type and affinity 2, and type 1 too if they touch the ground; contact points have type 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Comment, Element, SubElement, TreeBuilder, XMLParser, fromstring, indent, tostring
+
+from ...dynamics import forward_kinematics
+from ...geometry.contact_choice import contact_points, lowest_levels
+from ...model import ContactPoint, Ground, Model
+from ...model.placed import Placed, SceneModel, link_name
+from ...model.rest_posture import nearest_posture, standing_keyframe
+from ...model.shapes import Shape
+from .tree import WORLD, unused
+from .write import mjcf_text
+from .write_geoms import field_lines, floor_lines, pair_lines
+
+REFERENCES = ("name", "joint", "joint1", "joint2", "mesh", "geom1", "geom2")  # attributes with a name of the model's
+SECTIONS = ("asset", "worldbody", "equality", "contact", "actuator")
+BITS = {True: ("3", "2"), False: ("2", "2")}  # contype and conaffinity of shapes that touch the ground and do not
+
+
+class Written(NamedTuple):
+    """A model as it is written."""
+
+    model: Model  # its shapes all named; its contact points are those that no shape has
+    root: Element  # of the file of this model alone
+    touching: tuple[Shape, ...]  # the shapes that touch the ground
+    body: Element  # the first body, at its place
+
+
+def scene_text(scene: SceneModel) -> str:
+    """Write the scene; raise ValueError for a model that MJCF cannot state."""
+    root, sections = Element("mujoco", model=scene.name), {tag: Element(tag) for tag in SECTIONS}
+    parts = [_written(placed, scene.ground, placed in scene.obstacles) for placed in scene.all]
+    for placed, part in zip(scene.all, parts):
+        root.extend(_comments(placed.name, part.root))
+    SubElement(root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true")
+    options = {} if scene.gravity is None else {"gravity": _numbers(scene.gravity)}
+    SubElement(root, "option", options | ({"cone": "elliptic"} if scene.ground else {}))
+    if scene.ground is not None:
+        root.extend(_ground(scene.ground, max(scene.members, key=lambda placed: placed.model.mass).model, sections))
+    for placed, part in zip(scene.all, parts):
+        pairs = _pairs(part, placed, scene.ground)
+        for tag in SECTIONS:
+            found = [part.body] if tag == "worldbody" else [*part.root.iterfind(f"{tag}/*")]
+            for element in (each for one in found for each in one.iter()):
+                _rename(element, placed.name, REFERENCES)
+            sections[tag].extend(found)
+        sections["contact"].extend(pairs)
+    bodies = {body.get("name", "") for part in parts for body in part.body.iter("body")}
+    for one, two in scene.excluded:
+        if {one, two} <= bodies:
+            SubElement(sections["contact"], "exclude", body1=one, body2=two)
+    root.extend(section for section in sections.values() if len(section))
+    _write_keys(root, scene.members, parts)
+    indent(root)
+    return tostring(root, encoding="unicode") + "\n"
+
+
+def _parsed(text: str) -> Element:
+    return fromstring(text, XMLParser(target=TreeBuilder(insert_comments=True)))
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _rename(element: Element, prefix: str, names: Iterable[str]) -> None:
+    for name in names:
+        if element.get(name):
+            element.set(name, link_name(prefix, element.attrib[name]))
+
+
+def _comments(name: str, root: Element) -> list[Any]:
+    return [Comment(f" {name}: {(part.text or '').strip()} ") for part in root if part.tag is Comment]
+
+
+def _written(placed: Placed, ground: Ground | None, still: bool) -> Written:
+    """Write a model by itself and put it at its place."""
+    model = placed.model
+    names: list[str] = []
+    for k, shape in enumerate(model.shapes):
+        names.append(unused(shape.name or f"shape{k}", names))
+    shapes = tuple(replace(shape, name=name) for shape, name in zip(model.shapes, names))
+    contacts = model.contacts if placed.ground_contact and not still else ()
+    touching = tuple(shape for shape in shapes if _touches(shape, contacts))
+    covered = {_place(point) for shape in touching for point in contact_points([shape])}
+    left = tuple(point for point in contacts if _place(point) not in covered)
+    model = replace(model, shapes=shapes, contacts=left)
+    if placed.gearbox is None:
+        model = replace(model, servos={})
+    root, place = _parsed(mjcf_text(model)), _position(placed, ground)
+    return Written(model, root, touching, _body(root, replace(placed, position=place), model, touching))
+
+
+def _position(placed: Placed, ground: Ground | None) -> tuple[float, float, float]:
+    """Return where a model is put [m]: one whose height is not given stands on the ground."""
+    x, y, *height = placed.position
+    model = placed.model
+    if height or model.base == "fixed" or ground is None or not model.contacts:
+        return x, y, height[0] if height else 0.0
+    q = standing_keyframe(model)
+    q = nearest_posture(model) if q is None else q.copy()
+    q[:7] = (0.0, 0.0, 0.0, *placed.orientation)
+    level = ground.height + math.tan(ground.slope) * (x * math.cos(ground.heading) + y * math.sin(ground.heading))
+    if ground.field is not None:
+        at = zip((x, y), ground.field.origin, ground.field.spacing, ground.field.heights.shape)
+        i, j = (min(max(round((place - start) / step), 0), count - 1) for place, start, step, count in at)
+        level += float(ground.field.heights[i, j])
+    return x, y, level - float(lowest_levels(model, model.contacts, forward_kinematics(model, q)).min())
+
+
+def _place(point: ContactPoint) -> ContactPoint:
+    return replace(point, load_bearing=True)
+
+
+def _touches(shape: Shape, contacts: tuple[ContactPoint, ...]) -> bool:
+    """Return whether the contact points are those of a shape, among others."""
+    try:
+        own = contact_points([shape]) if contacts else ()
+    except (ValueError, ImportError):  # a mesh that cannot be read
+        own = ()
+    return bool(own) and {*map(_place, own)} <= {*map(_place, contacts)}
+
+
+def _body(root: Element, placed: Placed, model: Model, touching: tuple[Shape, ...]) -> Element:
+    """Return the model's first body at its place; the links of a root that is MuJoCo's world get one around them."""
+    world = root.find("worldbody")
+    inside = [] if world is None else [*world]
+    whole = [element for element in inside if element.tag == "body"]
+    if len(inside) == 1 and whole and whole[0].get("name") == model.root:
+        body = whole[0]
+    else:
+        body = Element("body", name=WORLD)
+        body.extend(inside)
+    body.set("pos", _numbers(placed.position))
+    body.set("quat", _numbers(placed.orientation))
+    on_ground = {shape.name for shape in touching}
+    shapes = {shape.name for shape in model.shapes}
+    for geom in body.iter("geom"):
+        if geom.get("name") in shapes:
+            kind, affinity = BITS[geom.get("name") in on_ground]
+            geom.attrib.update(contype=kind, conaffinity=affinity)
+    return body
+
+
+def _ground(ground: Ground, model: Model, sections: dict[str, Element]) -> list[Any]:
+    """Write the ground, which gives way as under one model; return what is left out of it."""
+    lines, left = floor_lines(model, ground)
+    (floor,) = _parsed("\n".join(["<floor>", *lines, "</floor>"]))
+    floor.attrib.update(contype="0", conaffinity="1")
+    sections["worldbody"].append(floor)
+    sections["asset"].extend(_parsed("\n".join(["<assets>", *field_lines(ground), "</assets>"])))
+    return [Comment(f" {sentence} ") for sentence in left]
+
+
+def _pairs(part: Written, placed: Placed, ground: Ground | None) -> list[Element]:
+    """Write what touches the ground with a friction of its own."""
+    models = (replace(part.model, contacts=(), shapes=part.touching), part.model)
+    lines = [*pair_lines(models[0], ground), *(pair_lines(models[1], ground) if part.model.contacts else ())]
+    pairs = [*_parsed("\n".join(["<pairs>", *lines, "</pairs>"]))]
+    for pair in pairs:
+        _rename(pair, placed.name, ("geom2",))
+    return pairs
+
+
+def _write_keys(root: Element, members: tuple[Placed, ...], parts: list[Written]) -> None:
+    """Write the keyframes of all members together: one that lacks a keyframe stays where it starts."""
+    found = [{key.get("name", ""): key.get("qpos", "") for key in part.root.iterfind("keyframe/key")} for part in parts]
+    names = list(dict.fromkeys(name for keys in found for name in keys))
+    section = SubElement(root, "keyframe") if names else root
+    for name in names:
+        states = []
+        for placed, part, keys in zip(members, parts, found):
+            floating = placed.model.base == "floating"
+            start = f"{part.body.attrib['pos']} {part.body.attrib['quat']} " if floating else ""
+            states.append(keys.get(name) or (start + _numbers([0.0] * len(placed.model.joint_names))).strip())
+        SubElement(section, "key", name=name, qpos=" ".join(filter(None, states)))
