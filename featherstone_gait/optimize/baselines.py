@@ -2,40 +2,38 @@
 
     python -m featherstone_gait.optimize.baselines        # measures those of the humanoid, a minute of two cores
 
-They depend on robot and servos, not on a search.  Those of the humanoid are stored in `robots/humanoid/baselines.json`,
-in full precision, for each servo that is named above them in the file; a long test measures them again.  They are used
-where the first gait has on its own ground the same measures to the last bit, which robot, servos, step and plan all
-change.
+They depend on robot and servos, not on a search.  Those of the humanoid are stored in full precision for the servos of
+`SERVOS` (`stored`), with the settings of the cheapest plan, which a search that needs it starts from; a long test
+measures them again.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
-from ..base.files import Format, complete, read_json
+from ..base.files import complete
 from ..base.progress import progress_bar
 from ..robot_file import load_robot
 from ..robot_file.servos import with_servo
-from ..robot_file.source import robots_folder
 from ..walking.cheapest_plan import ACCURATE, PlanKind, States, cheapest_plan
 from ..walking.cost import Measures, WalkingCost
+from ..walking.cost_in_worlds import in_worlds
+from .options import OptimizeOptions
 from .planning import walking_cost
 from .quality import TEST_WORLDS, measure_in_test_worlds
+from .stored import CHEAPEST, FILE, FORMAT, SERVOS, Row, is_measured, stored_rows
 
-Row: TypeAlias = dict[str, Any]
 Stored: TypeAlias = Mapping[str, Row]  # rows by name, the first gait first
 
 BASELINES: dict[str, Row] = {  # plans that the gait is compared with, by what they change of the walk
     "plain plan": {},
     "plan of 35 mm": {"step_length": 0.035},
 }
-CHEAPEST = "cheapest plan"  # that which `walking.cheapest_plan` finds
 BASELINE_WORLDS = 50  # of plans that are not the first gait, which walks in all
-FILE, FORMAT = robots_folder() / "humanoid" / "baselines.json", Format("measured baselines")
-SERVOS: tuple[str | None, ...] = (None,)  # servos of the stored baselines; None: the humanoid's own
 
 
 def measure_baselines(
@@ -83,22 +81,28 @@ def _measured(cost: WalkingCost, name: str, walk: Row, count: int, progress: boo
 
 def stored_baselines(first: Measures) -> Stored:
     """Return the stored rows whose first gait has the measures `first`; none if no first gait has."""
-    for rows in read_json(FILE, FORMAT)["servos"].values() if FILE.exists() else ():
-        if {key: rows[0].get(key) for key in first.as_dict()} == first.as_dict():
+    for rows in stored_rows().values():
+        if is_measured(rows[0], first):
             return {row["name"]: row for row in rows}
     return {}
 
 
 def stored_anew(servo: str | None) -> Sequence[Row]:
-    """Measure the humanoid's baselines with a servo, as they are stored: with the settings of each plan."""
+    """Measure the humanoid's baselines with a servo, as they are stored: with the settings of each plan.
+
+    The first row is the plain plan, or the cheapest one if the plain plan does not walk in the worlds of a search.
+    """
     own = load_robot("humanoid", locked="simplified")
     cost = walking_cost(own if servo is None else with_servo(own, servo), states="step")
-    rows = measure_baselines(cost, "plain", TEST_WORLDS, False, False, {})
-    (rows[0]["elsewhere"],) = measure_in_test_worlds(cost, [cost.gait.to_vector()], TEST_WORLDS, False)
-    cheapest = {"followed": ACCURATE, **asdict(cheapest_plan(cost.scene, "step").plan.walk)}
-    settings = [*BASELINES.values(), cheapest]
-    row = _measured(cost, CHEAPEST, {"plan": "cheapest"}, BASELINE_WORLDS, False, {"settings": cheapest})
-    return [row | {"settings": walk} for row, walk in zip([*rows, row], settings)]
+    plain = math.isfinite(in_worlds(cost, OptimizeOptions().worlds)(cost.gait.to_vector())[0])
+    found = cheapest_plan(cost.scene, "step")
+    cheapest = {"followed": ACCURATE, **asdict(found.plan.walk)}
+    first = cost if plain else found.cost
+    rows = measure_baselines(first, "plain" if plain else "cheapest", TEST_WORLDS, False, False, {})
+    (rows[0]["elsewhere"],) = measure_in_test_worlds(first, [first.gait.to_vector()], TEST_WORLDS, False)
+    if plain:
+        rows.append(_measured(cost, CHEAPEST, {"plan": "cheapest"}, BASELINE_WORLDS, False, {"settings": cheapest}))
+    return [row | {"settings": cheapest if row["name"] == CHEAPEST else row["walk"]} for row in rows]
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ from ..walking.one_leg import check_strength
 from ..walking.plan import walking_plan
 from .preparation import SECONDS, Job, check_history, estimate_in_words
 from .quality import describe
+from .stored import CHEAPEST, is_measured, stored_rows
 
 
 @deprecated.keywords(servos="gearbox")
@@ -98,7 +99,7 @@ def plan_start(job: Job) -> Start:
             raise
         failure = str(error)
     if options.plan is None and failure != "ok":
-        job.print(f"plain plan: {failure}; searching for the cheapest plan that walks")
+        job.print(f"plain plan: {failure}; taking the cheapest plan that walks")
         try:
             first = plan_first_gait(job, "cheapest")
         except ValueError as error:  # the search starts from a gait that falls and may find one that walks
@@ -136,12 +137,26 @@ def plan_first_gait(job: Job, plan: PlanKind) -> Start:
     """Plan a first gait and evaluate it; raise ValueError if there is none."""
     options = job.options
     states = options.states or default_states(job.model)
-    cost = walking_cost(
+    cost = _stored_plan(job, states) if plan == "cheapest" else None
+    cost = cost or walking_cost(
         job.model, options.gearbox, states=states, plan=plan, progress=options.progress,
         **(options.walk or {}),
     )  # fmt: skip
     searched = in_worlds(cost, options.worlds) if options.worlds else cost
     return Start(plan, cost, searched, *searched(cost.gait.to_vector()), Watch(job.model, cost.start[0]))
+
+
+def _stored_plan(job: Job, states: States) -> WalkingCost | None:
+    """Return the cheapest plan that is stored for the humanoid with a servo, if its gait still has the same measures."""
+    options = job.options
+    if job.robot != "humanoid" or options.walk:
+        return None
+    for row in stored_rows().get(str(options.servo or "own"), ()):
+        if row["name"] == CHEAPEST:
+            cost = walking_cost(job.model, options.gearbox, states=states, **row["settings"])
+            if is_measured(row, cost.measure([cost.gait.to_vector()])[0]):
+                return cost
+    return None
 
 
 def default_states(model: Model) -> States:

@@ -22,6 +22,7 @@ from ..scene.gearbox_kinds import why_chosen
 from ..walking.cost_in_worlds import MOST_WORLDS
 from ..walking.walker import GENERIC, driven, load_walker
 from .options import OptimizeOptions
+from .stored import SERVOS
 
 MOST_ITERATIONS = 10**7
 WALK = {"step_length", "step_time", "com_height", "half_width", "lift", "double_support"}  # of `WalkSettings`
@@ -56,9 +57,9 @@ class Job:
     def seconds(self) -> dict[str, float]:
         """Estimate how long each stage takes on two cores, without compiling; of another robot the shares [s]."""
         options, one = self.options, SECONDS["candidate in a world"]
-        stored = self.robot == "humanoid" and options.servo is None and options.states != "stride"
-        compared = options.baselines and options.worlds > 0 and not stored
-        plans = SECONDS["plans"] * ((options.plan == "cheapest") + compared)
+        stored = self.robot == "humanoid" and options.servo in SERVOS and options.states != "stride"
+        compared = options.baselines and options.worlds > 0
+        plans = SECONDS["plans"] * ((options.plan == "cheapest") + compared) * (not stored)
         worlds = SECONDS["test world"] * options.test_worlds * (1.0 if stored else 2.5)
         return {
             "first gait": SECONDS["first gait"],
