@@ -365,8 +365,8 @@ def momentum(model: Model, q: ArrayLike, qd: ArrayLike) -> np.ndarray:
     return _shaped(_measures(model, q, qd, None, GRAVITY)[2], q, qd)
 
 
-def forward_kinematics(model: Model, q: ArrayLike, link: str | None = None) -> Poses:
-    """Compute the pose of every link, or of one.
+def forward_kinematics(model: Model, q: ArrayLike, link: str | Sequence[str] | None = None) -> Poses:
+    """Compute the pose of every link, of some, or of one.
 
     Parameters
     ----------
@@ -374,8 +374,8 @@ def forward_kinematics(model: Model, q: ArrayLike, link: str | None = None) -> P
         The robot.
     q : array_like
         Positions (nq,) or (n, nq) [m, -, rad or m].
-    link : str, optional
-        Name of a link; None for all links, in the order of `model.links`.
+    link : str or sequence of str, optional
+        Name of a link, or names of some; None for all links, in the order of `model.links`.
 
     Returns
     -------
@@ -388,8 +388,8 @@ def forward_kinematics(model: Model, q: ArrayLike, link: str | None = None) -> P
         For wrong shapes, values that are not finite and a link that does not exist.
     """
     check_model(model)
-    if link is None:
-        return _link_poses(model, q, list(model.link_rows))
+    if link is None or not isinstance(link, str):
+        return _link_poses(model, q, [*(model.link_rows if link is None else (model.link(name).name for name in link))])
     rotation, position = _link_poses(model, q, [model.link(link).name])
     return Poses(rotation[..., 0, :, :], position[..., 0, :])
 
@@ -488,7 +488,7 @@ def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
     return deepest_points(model, _link_poses(model, q, links), (0.0, 0.0, 1.0), links)
 
 
-def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
+def contact_positions_at(model: Model, poses: Poses, links: Sequence[str] | None = None) -> np.ndarray:
     """Compute `contact_positions` for poses that are known.
 
     Parameters
@@ -496,14 +496,16 @@ def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
     model : Model
         The robot.
     poses : Poses
-        Poses of all links.
+        Poses of links.
+    links : sequence of str, optional
+        Names of the links of the poses, in their order, with all that have contacts; None for all of the model.
 
     Returns
     -------
     numpy.ndarray
         Positions (..., points, 3) [m].
     """
-    return deepest_points(model, poses, (0.0, 0.0, 1.0))
+    return deepest_points(model, poses, (0.0, 0.0, 1.0), links)
 
 
 def deepest_points(model: Model, poses: Poses, normal: ArrayLike, links: Sequence[str] | None = None) -> np.ndarray:

@@ -147,7 +147,7 @@ def plan_first_gait(job: Job, plan: PlanKind) -> Start:
 
 
 def _stored_plan(job: Job, states: States) -> WalkingCost | None:
-    """Return the cheapest plan that is stored for the humanoid with a servo, if its gait still has the same measures."""
+    """Return the cheapest plan stored for the humanoid with a servo, if its gait has the same measures today."""
     options = job.options
     if job.robot != "humanoid" or options.walk:
         return None

@@ -37,7 +37,7 @@ from ..identification.curve import torque_speed
 from ..model import TORQUE_LAWS, Model, Servo, depth_first
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
-from .kinematics import link_poses, upright_states
+from .kinematics import upright_states
 
 RECORD = ("base_q", "q", "qd", "torque", "current", "contact_force", "energy")
 FAST = 0.5  # of its largest speed: a foot that swings
@@ -133,9 +133,9 @@ class Watch:
         self.standing = np.asarray(standing, dtype=float)
         owners = [contact.link for contact in model.contacts]
         self.feet = tuple(dict.fromkeys(owners))
-        self._rows = np.array([model.link_index(name) for name in self.feet])
         self._foot = np.array([self.feet.index(name) for name in owners])  # (points,) which foot a contact point is of
-        self._normals = link_poses(model, self.standing).rotation[0, self._rows, 2, :]  # of the soles, link axes
+        upright = forward_kinematics(model, upright_states(model, self.standing), self.feet)
+        self._normals = upright.rotation[0, :, 2]  # of the soles, link axes
         pairs, limit = self._of_limbs(), BY_NAME["apart"]
         distance = shape_distances(model, upright_states(model, self.standing)[0], pairs)
         self.pairs = pairs[distance >= limit.bound + limit.margin]  # without those of `close`
@@ -176,11 +176,11 @@ class Watch:
     def of_feet(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
         """Measure swing and tilt."""
         model, normals = self.model, self._normals
-        poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
-        points = contact_positions_at(model, poses)
+        poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window], self.feet)
+        points = contact_positions_at(model, poses, self.feet)
         force = run["contact_force"][window, :, 0]
         weight = scene.model.mass * math.hypot(*scene.gravity)
-        up = poses.rotation[:, self._rows, 2, :]
+        up = poses.rotation[:, :, 2, :]
         cosine = up[..., 0] * normals[:, 0] + up[..., 1] * normals[:, 1] + up[..., 2] * normals[:, 2]
         tilt = np.sqrt(2.0 * np.maximum(1.0 - cosine, 0.0))  # 2 sin(angle / 2), with the same bits everywhere
         height, fast, loaded = np.empty((3, *cosine.shape))
