@@ -12,13 +12,10 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from featherstone_gait import forward_kinematics, load_robot
-from featherstone_gait.base.rotation import rotation_from_rpy
-from featherstone_gait.model.shapes import Box
 from featherstone_gait.optimize import walking_cost
+from featherstone_gait.view.visuals import bodies
 
 RATE, DURATION = 15, 5.3  # frames a second, [s]
-SIDES = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
-SIGNS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 EAST = np.array([np.cos(0.35), np.sin(0.35), 0.0])  # to the right of the picture, and up in it
 UP = np.array([-0.22 * np.sin(0.35), 0.22 * np.cos(0.35), 0.975])
 LOOK = np.cross(EAST, UP)
@@ -38,19 +35,18 @@ def walked(path):
 
 
 def faces(robot, q):
-    """Corners (n, faces, 4, 3) of all boxes, their normals and colors."""
+    """Corners (n, faces, 4, 3) of all visible boxes, their normals and colors."""
     poses, rows = forward_kinematics(robot, q), {link.name: k for k, link in enumerate(robot.links)}
     corners, normals, colors = [], [], []
-    for shape in robot.shapes:
-        assert isinstance(shape.geometry, Box)
-        k, turn = rows[shape.link], rotation_from_rpy(shape.rpy)
-        local = np.array(shape.xyz) + (SIGNS * shape.geometry.size) @ turn.T
-        world = poses.position[:, k, None] + np.einsum("nij,cj->nci", poses.rotation[:, k], local)
-        corners.append(world[:, SIDES])
-        out = world[:, SIDES].mean(axis=2) - world.mean(axis=1)[:, None]
+    for body in bodies(robot)[0]:
+        k, sides = rows[body.link], np.array(body.faces)
+        world = poses.position[:, k, None] + np.einsum("nij,cj->nci", poses.rotation[:, k], body.points)
+        corners.append(world[:, sides])
+        along = np.diff(corners[-1], axis=2)
+        out = np.cross(along[:, :, 0], along[:, :, 1])
         normals.append(out / np.linalg.norm(out, axis=-1, keepdims=True))
-        color = "tab:orange" if "left" in shape.link else "tab:blue" if "right" in shape.link else "0.6"
-        colors += [to_rgb(color)] * len(SIDES)
+        color = "tab:orange" if "left" in body.link else "tab:blue" if "right" in body.link else "0.6"
+        colors += [to_rgb(color)] * len(sides)
     return np.concatenate(corners, axis=1), np.concatenate(normals, axis=1), np.array(colors)
 
 

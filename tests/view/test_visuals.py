@@ -100,6 +100,22 @@ MJCF = """<mujoco><asset><material name="blue" rgba="0 0 1 0.5"/>
 <geom type="ellipsoid" size="1 2 3" mass="0"/></body></worldbody></mujoco>"""
 
 
+def test_the_humanoid_is_seen_as_its_boxes_and_a_neck_that_closes_the_gap_under_its_head():
+    model = load_robot("humanoid")
+    drawn, _ = bodies(model)
+    solid, _ = bodies(replace(model, source=""))  # without a file: its collision shapes
+    head = {body.link: body.points for body in drawn}["head"]
+    neck, box = head[:8], head[8:]
+    places = forward_kinematics(model, np.eye(1, model.nq, 3)[0]).position
+    trunk = {body.link: body.points for body in solid}["trunk"]
+    offset = places[model.link_index("head"), 2] - places[model.link_index("trunk"), 2]
+    assert neck[:, 2].max() == pytest.approx(box[:, 2].min(), abs=1e-12)
+    assert neck[:, 2].min() + offset == pytest.approx(trunk[:, 2].max(), abs=1e-12)
+    for seen, own in zip(drawn, solid, strict=True):
+        assert seen.link == own.link
+        np.testing.assert_array_equal(seen.points[-8:], own.points)
+
+
 def test_mjcf_gives_the_geoms_that_its_viewer_shows_with_their_colors(tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "robot.xml").write_text(MJCF, "utf-8")
