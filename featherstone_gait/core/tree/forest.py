@@ -28,13 +28,17 @@ TREE = record(
     upright=(float, 3),  # what points up in the frame of a base that is not tilted
 )
 
+# A mask of all rows there can be.  With it LLVM knows that a loop's indices are not negative, and leaves out what counts
+# negative ones from an array's end: 10 % of a step.
+LARGEST = 0x7FFFFFFF
+
 
 @inline
 def rows_of(part, tree):
     """Return the row of the root and the row after the last body."""
     if part is None:
         return 0, len(tree)
-    return part.root, part.end
+    return part.root & LARGEST, part.end & LARGEST
 
 
 @inline
@@ -42,7 +46,7 @@ def joints_of(part, tree):
     """Return the first joint and the one after the last."""
     if part is None:
         return 0, len(tree) - 1
-    return part.joint, part.end_joint
+    return part.joint & LARGEST, part.end_joint & LARGEST
 
 
 @inline
@@ -50,7 +54,7 @@ def points_of(part, points):
     """Return the first contact point and the one after the last."""
     if part is None:
         return 0, len(points)
-    return part.point, part.end_point
+    return part.point & LARGEST, part.end_point & LARGEST
 
 
 @inline
@@ -58,7 +62,7 @@ def couplings_of(part, coupling):
     """Return the first coupling and the one after the last."""
     if part is None:
         return 0, len(coupling)
-    return part.coupling, part.end_coupling
+    return part.coupling & LARGEST, part.end_coupling & LARGEST
 
 
 @inline
@@ -66,7 +70,7 @@ def base_index(part):
     """Return which of the scene's bases is the tree's."""
     if part is None:
         return 0
-    return part.number
+    return part.number & LARGEST
 
 
 @inline
