@@ -13,14 +13,14 @@ is then inverted: torque to current to voltage to reference.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import texts, vector
+from ..base.arguments import instance, listed, texts, vector
 from ..base.brief import brief
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.actuator import controller_of, motor_of
@@ -33,9 +33,10 @@ from ..model import Spring
 from ..model.rest_posture import nearest_posture
 from ..run.reference import Reference
 from ..run.simulate import simulate
-from ..run.start import check_scene, initial_state
+from ..run.start import check_scene, initial_state, placed_position
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body, ground_under
+from ..scene.forest import state_index
 from .linearization import Chart, chart_of
 
 TrimStatus = Literal["ok", "tips", "slips", "touches", "too weak", "moves"]
@@ -98,6 +99,7 @@ class Trim:
         return self.status == "ok"
 
 
+OK: tuple[TrimStatus, str] = ("ok", "")
 Fault: TypeAlias = "tuple[TrimStatus, str] | None"
 
 
@@ -111,8 +113,12 @@ class _Loads(NamedTuple):
     axes: np.ndarray  # (k, points, 3, 3) normal and tangents in rows
 
 
-def trim(scene: CompiledScene, q: ArrayLike | None = None, contacts: Iterable[str] | None = None) -> Trim:
-    """Find the equilibrium of a robot at rest in a posture.
+def trim(
+    scene: CompiledScene,
+    q: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    contacts: Iterable[str] | None = None,
+) -> Trim:
+    """Find the equilibrium of a robot, or of several, at rest in a posture.
 
     The joints stay as they are in q, and so do the place and the heading of a floating base; its height and tilt are
     solved for.
@@ -122,7 +128,8 @@ def trim(scene: CompiledScene, q: ArrayLike | None = None, contacts: Iterable[st
     scene
         A compiled scene.
     q
-        Posture (nq,) [m, -, rad].  None: `nearest_posture`.
+        Posture (nq,) [m, -, rad].  None: `nearest_posture`.  Of several robots and objects a dictionary, by name; each
+        that is not named is at its place.
     contacts
         Names of the links to stand on, whose points are laid on the ground together.  None: the lowest points in q, and
         whatever else touches.
@@ -145,6 +152,8 @@ def trim(scene: CompiledScene, q: ArrayLike | None = None, contacts: Iterable[st
     >>> run = simulate(scene, 1.0, found.state, Reference([0.0], found.reference[None]))
     """
     check_scene(scene)
+    if scene.members:
+        return _of_members(scene, q, contacts)
     model = scene.model
     given = nearest_posture(model) if q is None else vector("q", q, model.nq)
     at = initial_state(scene, given)[_places(scene)]  # checked, its quaternion of length 1
@@ -155,6 +164,45 @@ def trim(scene: CompiledScene, q: ArrayLike | None = None, contacts: Iterable[st
     used = _used(scene, contacts)
     at, force, wrong = _balanced(scene, _laid(scene, at, used, LAYING if contacts is not None else 0), used)
     return _held(scene, at, force, wrong or _contact_fault(scene, at, used, force))
+
+
+def _of_members(scene: CompiledScene, q: Any, contacts: Iterable[str] | None) -> Trim:
+    """Return the equilibria of all members in one, their postures one after the other.
+
+    They do not touch each other: each is at rest as it would be alone.
+    """
+    state, given = initial_state(scene), {} if q is None else q
+    instance("q", given, Mapping, f"give a dictionary by name, q={{{scene.members[0].name!r}: ...}}")
+    for name in given:
+        scene.member(name)
+    links = None if contacts is None else listed("contacts", contacts, "give a list of links")
+    found = []
+    for member in scene.members:
+        at = given.get(member.name)
+        if at is None:
+            at = placed_position(member)
+            at[len(at) - member.scene.tree.n :] = nearest_posture(member.model)[len(at) - member.scene.tree.n :]
+        head = f"{member.name}/"
+        own = None if links is None else [name.removeprefix(head) for name in links if name.startswith(head)]
+        found.append(trim(member.scene, at, own or None))
+        state[state_index(scene, member)] = found[-1].state
+    faults = ((t.status, f"{member.name}: {t.message}") for member, t in zip(scene.members, found) if not t.ok)
+    status, message = next(faults, OK)
+    driven = scene.constants.actuator is not None
+    held = [t.q[len(t.q) - len(t.torque) :] if t.reference is None else t.reference for t in found]
+    outside = [np.zeros(len(t.torque)) if t.tau is None else t.tau for t in found]
+    return Trim(
+        q=np.concatenate([t.q for t in found]),
+        torque=np.concatenate([t.torque for t in found]),
+        contact_force=np.concatenate([t.contact_force.reshape(-1, 3) for t in found]),
+        reference=np.concatenate(held) if driven else None,
+        tau=np.concatenate(outside) if any(t.tau is not None and t.tau.any() for t in found) or not driven else None,
+        state=state,
+        residual=max(t.residual for t in found),
+        change=max(t.change for t in found),
+        status=status,
+        message=message,
+    )
 
 
 def _places(scene: CompiledScene) -> np.ndarray:
@@ -360,7 +408,7 @@ def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) 
     fault = fault or weak
     if fault is None and not change <= STILL:
         fault = "moves", f"in a controller period it moves by {change:.3g} rad or m, or by as much a second"
-    status, message = fault or ("ok", "")
+    status, message = fault or OK
     largest = float(np.abs(residual).max())
     return Trim(q, torque, force, reference, tau, state, largest, change, status, message)
 

@@ -267,7 +267,6 @@ class Chart:
         self.channels = (*channels, *held)
         self.names: list[str] = []
         self.widths: list[float] = []
-        self.quaternion = scene.part("base_q")[0] + 3 if "base_q" in channels and scene.tree.floating else None
         turns: list[int] = []
         reads: list[int] = []
         moves: list[tuple[int, int, float]] = []  # number of the state, deviation, factor
@@ -283,7 +282,9 @@ class Chart:
                     turns.append(k)
             if name in channels:
                 self.states = len(self.names)
-        self.turns = np.array(turns, dtype=int)  # deviations that are turns of the base
+        self.turns = np.array(turns, dtype=int).reshape(-1, 3)  # deviations that are turns of each base
+        first = scene.part("base_q")[0]
+        self.quaternions = [slice(first + 7 * b + 3, first + 7 * b + 7) for b in _free_bases(scene)[: len(self.turns)]]
         self.reads = np.array(reads[: self.states], dtype=int)  # number of the state that is a deviation's
         self._moves = [np.array(column) for column in zip(*moves)] if moves else [np.zeros(0, int)] * 3
 
@@ -293,9 +294,8 @@ class Chart:
         numbers, columns, factors = self._moves
         kept = columns < len(x)
         Y[numbers[kept]] += factors[kept, None] * x[columns[kept]]
-        if self.quaternion is not None:
-            at = slice(self.quaternion, self.quaternion + 4)
-            Y[at] = _turned(y[at], x[self.turns])
+        for at, turns in zip(self.quaternions, self.turns):
+            Y[at] = _turned(y[at], x[turns])
         return Y
 
     def move_each(self, Y: np.ndarray, y: np.ndarray, which: np.ndarray, steps: np.ndarray) -> None:
@@ -304,19 +304,17 @@ class Chart:
         lanes = Y.shape[2]
         move, run = _pairs(columns, which)
         Y[run // lanes, numbers[move], run % lanes] += factors[move] * steps[run]
-        if self.quaternion is not None:
-            at = slice(self.quaternion, self.quaternion + 4)
-            turn, run = _pairs(self.turns, which)
+        for at, turns in zip(self.quaternions, self.turns):
+            turn, run = _pairs(turns, which)
             x = np.where(turn == np.arange(3)[:, None], steps[run], 0.0)
             Y[run // lanes, at, run % lanes] = _turned(y[at], x).T
 
     def difference(self, Y: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return deviations (states, ...) of the states Y (size, ...) from y (size,)."""
         X = Y[self.reads] - _beside(y[self.reads], Y)
-        if self.quaternion is not None:
-            at = slice(self.quaternion, self.quaternion + 4)
+        for at, turns in zip(self.quaternions, self.turns):
             turn = total(_after(y[at]).T.reshape(4, 4, *[1] * (Y.ndim - 1)) * Y[at], axis=1)  # the inverse of `_turned`
-            X[self.turns] = 2.0 * turn[1:] / turn[0]
+            X[turns] = 2.0 * turn[1:] / turn[0]
         return X
 
 
@@ -344,8 +342,10 @@ def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[t
     first, end = scene.part(name)
     joints = scene.model.joint_names
     if name in BASE and end > first:
-        turn = (3, 4, 5) if name == "base_q" else ()
-        return [(label, first + k, [] if k in turn else [(first + k, 1.0)]) for k, label in enumerate(BASE[name])]
+        turn, width = ((3, 4, 5), 7) if name == "base_q" else ((), 6)
+        places = [(b, first + width * b + k, k) for b in _free_bases(scene) for k in range(6)]
+        whose = [f"{member.name} " for member in scene.members] or [""]
+        return [(whose[b] + BASE[name][k], at, [] if k in turn else [(at, 1.0)]) for b, at, k in places]
     if name in ("q", "qd", "qdd"):
         G = coupling_matrix(scene.model).matrix[scene.model.nv - len(joints) :, scene.model.nv - len(joints) :]
         leading = []
@@ -368,6 +368,13 @@ def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[t
     return [(label, first + k, [(first + k, 1.0)]) for k, label in enumerate(found)]
 
 
+def _free_bases(scene: CompiledScene) -> list[int]:
+    """Return which bases of the scene can move."""
+    if scene.members:
+        return [k for k, member in enumerate(scene.members) if member.scene.tree.floating]
+    return [0] if scene.tree.floating else []
+
+
 def _width(scene: CompiledScene, sticky: bool, name: str, label: str) -> float:
     """Return the first width of a deviation, so small that joints go on to stick and contacts stay as they are."""
     if name == "tangential_deflection":
@@ -375,7 +382,7 @@ def _width(scene: CompiledScene, sticky: bool, name: str, label: str) -> float:
     width = STICKING if sticky else SMOOTH
     if scene.ground is not None:
         slip = OF_SINKING * scene.ground.penetration
-        width = min(width, slip if label in ("x", "y", "z") else slip / LEVER)
+        width = min(width, slip if label.rpartition(" ")[2] in ("x", "y", "z") else slip / LEVER)
     return width * OTHER.get(name, 1.0)
 
 

@@ -5,9 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from featherstone_gait.analysis.equilibrium import trim
+from featherstone_gait.analysis.linearization import linearize
 from featherstone_gait.model import ContactPoint, Ground, Link, Model
 from featherstone_gait.model.placed import Placed
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.session import Session
 from featherstone_gait.run.simulate import Push, initial_state, simulate, simulate_batch
 from featherstone_gait.run.trajectory import Trajectory
@@ -187,3 +190,42 @@ def test_servos_that_cannot_act_in_one_scene_are_refused():
     arm = load_robot("arm7")
     with pytest.raises(ValueError, match="servos of several kinds"):
         compile_scene([Placed(arm, name="a"), Placed(arm, name="b", gearbox="rotor")], gearbox="mipsd")
+
+
+def pair(**how):
+    arm = load_robot("arm7")
+    placed = [Placed(arm, name="a"), Placed(arm, name="b", position=(1.0, 0.0, 0.0), orientation=TURNED)]
+    return compile_scene([*placed, Placed(box(), name="box", position=(0.0, 2.0))], ground=Ground(), **how)
+
+
+@pytest.mark.long
+def test_linear_models_are_those_of_each_alone():
+    scene = pair(gearbox="mipsd", **STEPS)
+    rest = trim(scene)
+    assert rest.ok, rest.message
+    whole = linearize(scene, rest.state, Reference([0.0], rest.reference[None]))
+    assert not any("base" in name and (" a " in name or " b " in name) for name in whole.states)
+    for member in scene.members[:2]:
+        own = trim(member.scene)
+        alone = linearize(member.scene, own.state, Reference([0.0], own.reference[None]))
+        rows = [whole.states.index(_of_member(name, member.name)) for name in alone.states]
+        assert np.abs(whole.A[np.ix_(rows, rows)] - alone.A).max() < 1e-7
+        others = [k for k in range(len(whole.states)) if k not in rows]
+        assert np.abs(whole.A[np.ix_(others, rows)]).max() < 1e-9
+
+
+def _of_member(name, member):
+    channel, _, joint = name.partition(" ")
+    return f"{channel} {member}/{joint}"
+
+
+@pytest.mark.long
+def test_all_members_rest_where_each_rests_alone():
+    scene = pair(gearbox="mipsd", **STEPS)
+    rest = trim(scene)
+    assert rest.ok, rest.message
+    assert rest.contact_force[:, 0].sum() == pytest.approx(9.81, rel=1e-9)
+    run = simulate(scene, 0.5, rest.state, Reference([0.0], rest.reference[None]), estimate_error=False)
+    assert np.abs(run["q"] - run["q"][0]).max() < 1e-6
+    with pytest.raises(ValueError, match="there are a, b, box"):
+        trim(scene, {"c": np.zeros(7)})

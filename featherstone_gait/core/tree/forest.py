@@ -28,8 +28,8 @@ TREE = record(
     upright=(float, 3),  # what points up in the frame of a base that is not tilted
 )
 
-# A mask of all rows there can be.  With it LLVM knows that a loop's indices are not negative, and leaves out what counts
-# negative ones from an array's end: 10 % of a step.
+# A mask of all rows there can be.  With it LLVM knows that a loop's indices are not negative, and leaves out what
+# counts negative ones from an array's end: 10 % of a step.
 LARGEST = 0x7FFFFFFF
 
 
