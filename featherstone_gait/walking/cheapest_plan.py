@@ -33,6 +33,7 @@ from ..base.brief import brief
 from ..base.progress import progress_bar
 from ..identification.curve import torque_speed
 from ..model import Model, Servo
+from ..robot_file.servos import load_servo, servo_names
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_posture
 from ..scene.tree import GRAVITY
@@ -97,6 +98,7 @@ class Box:
 
 
 SLOW = Box(step_time=(2.2, 3.6), lift=(0.03, 0.1), half_width=(0.8, 1.2))  # for weak servos
+SLOWEST = np.array([0.0, 1.0, 0.0, 0.5, 0.0, 0.0])  # of its unit box; most others ask for twice the joint speeds
 
 
 class Trial(NamedTuple):
@@ -233,7 +235,8 @@ def cheapest_plan(
     Raises
     ------
     ValueError
-        If no plan walks, with the most common reason and what to do.
+        If no plan walks, with the most common reason and what to do; before any is tried, if a joint cannot follow the
+        slowest of them without load.
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     one_of("states", states, get_args(States))
@@ -252,6 +255,8 @@ def cheapest_plan(
         worlds, offsets = variations(scene, WORLDS)
         scenes = worlds.scenes(scene)
         searched = lambda cost: CostInWorlds(cost, scenes, offsets)  # noqa: E731
+    if box is None:
+        _Search(scene, states, SLOW, searched, held).check_speed()
     for where in (Box(), SLOW) if box is None else (box,):
         search = _Search(scene, states, where, searched, held)
         plain = box is not None or where is not SLOW
@@ -367,6 +372,28 @@ class _Search:
         plan = walking_plan(self.scene.model, followed=ACCURATE, **asdict(walk))
         fit = fit_states(self.scene.model, plan, self.states)
         return plan, fit, WalkingCost(self.scene, fit.gait, plan.start_up(1))
+
+    def check_speed(self) -> None:
+        """Raise ValueError if a joint cannot follow the plan `SLOWEST` without load; of one without a plan, do not."""
+        walk, names = self.walk(SLOWEST), self.scene.model.joint_names
+        try:
+            gait = self.planned(walk)[1].gait
+        except ValueError:
+            return
+        asked = np.abs(np.diff(gait.angles(TICK * np.arange(round(gait.period / TICK) + 1)), axis=0)).max(axis=0) / TICK
+        worst = int((asked / self.speeds).argmax())
+        if asked[worst] <= FASTER * self.speeds[worst]:
+            return
+        known = {name: torque_speed(load_servo(name), points=2).no_load_speed for name in servo_names()}
+        enough = [name for name in known if asked.max() <= FASTER * known[name]]
+        remedy = "no servo of the package is as fast"
+        if enough:
+            remedy = f"the slowest servo of the package that could is {min(enough, key=known.__getitem__)}"
+        raise ValueError(
+            f"{self.scene.model.name}: the joints are too slow to walk: even a step of {1e3 * walk.step_length:.0f} mm "
+            f"in {walk.step_time:.2f} s turns {names[worst]} at {asked[worst]:.2g} rad/s, and without load it reaches "
+            f"{self.speeds[worst]:.2g} rad/s; {remedy}"
+        )
 
     def attempt(self, point: np.ndarray) -> _Tried:
         walk, (lower, upper) = self.walk(point), self.limits

@@ -69,6 +69,15 @@ def test_numbers_that_are_held_stay(scene):
     assert {(t.walk.lift, t.walk.step_time, t.walk.half_width) for t in one.trials} == {(0.015, 0.3, 0.037)}
 
 
+def test_servos_too_slow_for_the_slowest_plan_are_named_before_any_plan_is_tried(scene):
+    """At 0.15 of the voltage an AX-12 turns at 0.84 rad/s without load."""
+    model, tried = scene.model, []
+    slow = {name: replace(servo, voltage_limit=0.15 * servo.voltage_limit) for name, servo in model.servos.items()}
+    with pytest.raises(ValueError, match=r"rad/s, and without load it reaches 0\.84 rad/s.* ax12a"):
+        cheapest_plan(scene.recompiled(replace(model, servos=slow)), searched=tried.append)
+    assert not tried
+
+
 def test_where_no_plan_can_be_walked_the_most_common_reason_is_told(scene):
     never = lambda cost: lambda x: (math.inf, "fell")  # noqa: E731
     with pytest.raises(ValueError, match=r"none of 3 planned walks can be walked.*give stronger servos"):
