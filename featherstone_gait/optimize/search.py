@@ -11,6 +11,7 @@ measured over 8 strides after 2: of 16 gaits that were optimized over 4 strides 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,12 @@ from ..walking.gait import bounds
 from ..walking.limits import Watch
 from .planning import Start
 from .preparation import Job, beside
-from .quality import measure_limits
+from .quality import measure_limits_of_each
 
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
 BATCH = 16  # candidates evaluated at once where lanes cannot be at different times
+MOST_MORE = 2  # times that a descent is prolonged by half of its steps while no gait keeps all limits
 STARTS = 8  # of the cheapest candidates, that a descent may begin with
 
 
@@ -109,7 +111,8 @@ def optimize_with_limits(
     """Search half of the candidates for energy alone, then spend as much work on a descent that meets the limits.
 
     The descent (`walking.descent`) begins with the cheapest candidate that walks where runs with chatter are repeated.
-    If none of the gaits that it tries keeps all limits on the robot's own ground, it makes half as many steps more.
+    While none of the gaits that it tries keeps all limits on the robot's own ground, it makes half as many steps more,
+    at most `MOST_MORE` times.
 
     Parameters
     ----------
@@ -144,16 +147,21 @@ def optimize_with_limits(
     starts = [first.history["x"][k] for k in order if np.isfinite(first.history["f"][k])]
     limited = beside(history, "limits")
     result = descend(cost, watch, starts, steps=steps, history=limited, **how)
-    if result.success and not any(_keeps_all(cost, watch, x) for x in result.tried["x"][::-1]):
-        how["resume"] = True
-        result = descend(cost, watch, starts, steps=steps + steps // 2, history=limited, **how)
+    how["resume"], checked = True, 0
+    for more in range(1, MOST_MORE + 1):
+        tried = {key: values[checked:] for key, values in result.tried.items()}
+        if not result.success or _keeps_all(cost, watch, tried):
+            break
+        checked += len(tried["f"])
+        result = descend(cost, watch, starts, steps=steps + more * (steps // 2), history=limited, **how)
     both = {key: np.concatenate([first.history[key], result.history[key]]) for key in ("x", "f")}
     counts = {"nit": first.nit + WORK * result.nit, "nfev": first.nfev + -(-result.nfev // len(cost.scenes))}
     kept = {key: first[key] for key in ("wasted", "occupancy")} | {"since": first.nit + 1}
     return OptimizeResult({**result, **counts, **kept, "history": both, "limited": result})
 
 
-def _keeps_all(cost: CostInWorlds, watch: Watch, x: np.ndarray) -> bool:
-    """Check whether a gait walks on the robot's own ground and keeps all limits there."""
-    limits = measure_limits(cost.cost, x, watch)["limits"]
-    return limits is not None and all(one["kept"] for one in limits)
+def _keeps_all(cost: CostInWorlds, watch: Watch, tried: Mapping[str, np.ndarray]) -> bool:
+    """Check whether one of the gaits walks in all worlds and keeps all limits on the robot's own ground."""
+    walking = tried["x"][np.isfinite(tried["f"])]
+    measured = measure_limits_of_each(cost.cost, [*walking], watch)
+    return any(found["limits"] is not None and all(one["kept"] for one in found["limits"]) for found in measured)
