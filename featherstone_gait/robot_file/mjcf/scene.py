@@ -281,6 +281,11 @@ def _floor(m: Any, report: Report) -> int | None:
     for g in touched:
         E, _ = _in_world(m, g)
         good += [g] if E[2, 2] > STEEP and (m.geom_type[g] == PLANE or np.array_equal(E, np.eye(3))) else []
+    if good and not gravity_of(m)[2] < 0:
+        report.doubt(
+            f"left out the ground: gravity {gravity_of(m)} m/s^2 presses nothing on it; touching is not simulated"
+        )
+        return None
     if good and len(touched) > 1:
         report.doubt(f"took geom {names_of(m, 'geom', m.ngeom)[good[0]]!r} as the ground: a scene has one")
     return good[0] if good else None
