@@ -5,30 +5,34 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 from ..base.arguments import instance, truth
 from ..base.files import complete
 from ..geometry.contact_choice import with_contacts
-from ..model import Link, Model
-from ..model.placed import Placed, SceneModel
+from ..model import Ground, Link, Model
+from ..model.placed import SEPARATOR, Placed, SceneModel
 from .load import model_of, resolve_couplings
 from .markup import read_markup
 from .mjcf.scene import OBSTACLE, Part, read_scene
+from .mjcf.tree import unused
 from .mjcf.write_scene import scene_text
 from .plausible import doubt_inertias
 from .report import Report, blamed_on
 from .save import MJCF
 from .scene_toml import read_scene_toml
 from .settings import Settings
+from .simtwo.read import read_simtwo
+from .simtwo.scene import read_solids
 
 
 def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
-    """Load a scene of several models from MJCF or TOML.
+    """Load a scene of several models from MJCF, TOML or SimTwo.
 
     Of MJCF each body of the world is a member if anything of it moves, else an obstacle, as are the geoms of the world;
     the first plane or height field is the ground.  Geoms that touch it make contact points.  MJCF needs MuJoCo:
     ``pip install featherstone-gait[mjcf]``.  A TOML file names robots' files and objects; `docs/scenes.md` lists its
-    keys.
+    keys.  Of SimTwo robots, things and obstacles are read, on level ground.
 
     Parameters
     ----------
@@ -58,10 +62,12 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
         if path.suffix == ".toml":
             return read_scene_toml(path, strict)
         markup = read_markup(path)
+        if markup.root.tag == "scene":
+            return _simtwo(path, markup.root, strict)
         if markup.root.tag != "mujoco":
             raise ValueError(
-                f"is <{markup.root.tag}>; a scene is MJCF (<mujoco>) or TOML: load a robot with load_robot, or name "
-                "its file in a TOML"
+                f"is <{markup.root.tag}>; a scene is MJCF (<mujoco>), SimTwo (<scene>) or TOML: load a "
+                "robot with load_robot, or name its file in a TOML"
             )
         report = Report(markup.lines, strict)
         for sentence in markup.doubts:
@@ -76,6 +82,27 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
         )  # fmt: skip
     report.warn(path, stacklevel=2)
     return scene
+
+
+def _simtwo(path: Path, root: Element, strict: bool) -> SceneModel:
+    """Load the robots, things and obstacles of a scene of SimTwo, on level ground."""
+    members: list[Placed] = []
+    for element in root.iterfind("robot"):
+        report = Report({}, strict)
+        robot = read_simtwo(path, root, None, report, element)
+        x, y, z, *quaternion = robot.postures["scene"].base
+        name = unused(robot.name.replace(SEPARATOR, "_"), [placed.name for placed in members])
+        model = model_of(path, robot._replace(name=name), Settings(), report, ())
+        members.append(
+            _placed(
+                path, Part(robot._replace(name=name), (x, y, z), tuple(quaternion), ()), with_contacts(model, "all")
+            )
+        )
+        report.warn(path, stacklevel=4)
+    things, remarks = read_solids(path, root, "things", strict)
+    obstacles, more = read_solids(path, root, "obstacles", strict)
+    members += [replace(placed, model=with_contacts(placed.model, "all")) for placed in things]
+    return SceneModel(path.stem, tuple(members), tuple(obstacles), Ground(), notes=(*remarks, *more), source=str(path))
 
 
 def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:

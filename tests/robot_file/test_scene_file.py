@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simtwo_scene import ARM as SIMTWO_ARM
 
 from featherstone_gait import (
     Box,
@@ -21,6 +22,7 @@ from featherstone_gait import (
     save_scene,
 )
 from featherstone_gait.base.rotation import rotation_from_quaternion
+from featherstone_gait.model.shapes import Sphere
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -195,6 +197,13 @@ def test_the_plane_is_the_ground_with_the_larger_friction_of_two(bench):
     assert len(bench.member("cup").model.shapes) == 2
 
 
+def test_a_plane_on_which_nothing_presses_is_no_ground(tmp_path):
+    scene = quiet(written(tmp_path, SCENE.replace("0 0.5 -9", "0 0 0")))
+    assert scene.ground is None
+    assert scene.gravity == (0.0, 0.0, 0.0)
+    assert any("ground" in note for note in scene.notes)
+
+
 def test_links_that_never_touch_are_listed(bench):
     pairs = {frozenset(pair) for pair in bench.excluded}
     assert {"left/fore", "right/fore"} in pairs
@@ -218,6 +227,44 @@ def test_a_toml_file_names_robots_objects_and_obstacles(tmp_path):
     assert scene.obstacles[0].model.shapes[0].geometry == Box((0.8, 0.8, 0.02))
     assert scene.ground == Ground(0.8, steps=((0.5, 0.02),))
     assert scene.excluded == (("left/base", "cup/body"),)
+
+
+SIMTWO = """
+<scene>
+  <robot><ID name="one"/><pos x="1" y="0" z="0.5"/><rot_deg x="0" y="0" z="90"/><body file="arm.xml"/></robot>
+  <robot><ID name="two"/><pos x="-1" y="0" z="0.5"/><body file="arm.xml"/></robot>
+  <things file="things.xml"/>
+  <obstacles>
+    <cuboid><ID value="wall"/><size x="1" y="0.1" z="1"/><pos x="3" y="0" z="0.5"/></cuboid>
+  </obstacles>
+</scene>
+"""
+THINGS = """
+<things>
+  <defines><const name="r" value="0.1"/></defines>
+  <sphere><ID value="ball"/><mass value="0.3"/><size radius="r"/><pos x="0" y="2" z="r"/></sphere>
+</things>
+"""
+
+
+def test_a_scene_of_simtwo_has_all_of_its_robots_things_and_obstacles(tmp_path):
+    written(tmp_path, SIMTWO_ARM % "0", "arm.xml")
+    written(tmp_path, THINGS, "things.xml")
+    scene = quiet(written(tmp_path, SIMTWO))
+    assert [placed.name for placed in scene.all] == ["one", "two", "ball", "wall"]
+    assert scene.member("two").position == (-1.0, 0.0, 0.5)
+    assert scene.member("one").orientation == pytest.approx((0.5**0.5, 0.0, 0.0, 0.5**0.5))
+    assert scene.member("one").model.links == load_robot(tmp_path / "arm.xml").links
+    ball = scene.member("ball").model
+    assert (ball.mass, ball.shapes[0].geometry) == (0.3, Sphere(0.1))
+    assert ball.links[0].inertia[0] == pytest.approx(0.4 * 0.3 * 0.01)
+    assert scene.ground == Ground()
+    with pytest.raises(ValueError, match="load_scene"):
+        load_robot(tmp_path / "scene.xml")
+    attack(tmp_path, SIMTWO, "scene.xml", 30, seed=4)
+    (tmp_path / "things.xml").unlink()
+    with pytest.raises(ValueError, match=r"things\.xml"):
+        quiet(written(tmp_path, SIMTWO))
 
 
 # ---------------------------------------------------------------------------------------------- saving
@@ -306,7 +353,7 @@ def mutated(text, random):
 
 
 def attack(tmp_path, text, name, count, seed):
-    """Load damaged files; each is read, or refused with the name of the file."""
+    """Load damaged files; each is read, or refused with the name of a file."""
     draws, refused = random.Random(seed), 0
     for _ in range(count):
         damaged = mutated(text, draws)
@@ -319,8 +366,8 @@ def attack(tmp_path, text, name, count, seed):
             refused += 1
             message = str(error)
         else:
-            message = name
-        assert name in message, damaged
+            message = str(tmp_path)
+        assert str(tmp_path) in message, damaged
     return refused
 
 

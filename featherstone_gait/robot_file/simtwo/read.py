@@ -52,8 +52,8 @@ class Axis(NamedTuple):
     element: Element
 
 
-def read_simtwo(path: Path, root: Element, base: Base | None, report: Report) -> Robot:
-    """Read the robot of a scene (<scene>), or a robot's file (<robot>).
+def read_simtwo(path: Path, root: Element, base: Base | None, report: Report, robot: Element | None = None) -> Robot:
+    """Read a robot of a scene (<scene>), by default its only one, or a robot's file (<robot>).
 
     base: None is "fixed" if a joint holds the robot to the world, else "floating".  What is ignored goes into the
     report.  Raises ValueError for meaningless constants or scenes, RobotFileError for all that is wrong with the robot,
@@ -61,7 +61,8 @@ def read_simtwo(path: Path, root: Element, base: Base | None, report: Report) ->
     """
     name, pose, file, body, constants = path.stem, (NOTHING, NOTHING), path, root, constants_of(root, {})
     if root.tag == "scene":
-        robot, name, file = _only_robot(path, root)
+        robot = _only_robot(root) if robot is None else robot
+        name, file = name_of(robot), _file_of(path, robot)
         outer = Numbers(constants)
         pose = outer.xyz(robot.find("pos"), "<pos>"), _angles(robot, outer, "<robot>")
         body, report.lines, _ = read_markup(file)
@@ -81,21 +82,33 @@ def read_simtwo(path: Path, root: Element, base: Base | None, report: Report) ->
     return _robot(name, pose, solids, axes, joints, base or ("fixed" if fixed else "floating"))
 
 
-def _only_robot(path: Path, root: Element) -> tuple[Element, str, Path]:
-    """Return the one robot of a scene, its name and its file."""
+def _only_robot(root: Element) -> Element:
+    """Return the one robot of a scene."""
     robots = root.findall("robot")
-    names = [_attribute(robot, "ID", "name", _attribute(robot, "ID", "value", "robot")) for robot in robots]
     if len(robots) != 1:
-        raise ValueError(f"has {len(robots)} robots ({', '.join(names)}); expected one: remove the others")
-    file = path.parent / _attribute(robots[0], "body", "file", "")
+        names = ", ".join(name_of(robot) for robot in robots)
+        raise ValueError(
+            f"has {len(robots)} robots ({names}); expected one: remove the others, or load all of them with load_scene"
+        )
+    return robots[0]
+
+
+def name_of(robot: Element) -> str:
+    """Return the name of a robot of a scene."""
+    return attribute(robot, "ID", "name", attribute(robot, "ID", "value", "robot"))
+
+
+def _file_of(path: Path, robot: Element) -> Path:
+    file = path.parent / attribute(robot, "body", "file", "")
     if not file.is_file():
         raise ValueError(
-            f"robot {names[0]!r}: there is no file {file.name!r} beside the scene; correct <body file=...>"
+            f"robot {name_of(robot)!r}: there is no file {file.name!r} beside the scene; correct <body file=...>"
         )
-    return robots[0], names[0], file
+    return file
 
 
-def _attribute(element: Element, tag: str, name: str, default: str) -> str:
+def attribute(element: Element, tag: str, name: str, default: str) -> str:
+    """Return an attribute of a child, or the default where there is none."""
     child = element.find(tag)
     return default if child is None else child.get(name, default)
 
@@ -120,11 +133,11 @@ def _solids(body: Element, numbers: Numbers, report: Report) -> list[Solid]:
         if element.tag in UNSUPPORTED:
             report.refuse(element, f"<{element.tag}> is not supported; remove it")
         if element.find("solid") is not None:
-            name = _attribute(element, "ID", "value", "")
+            name = attribute(element, "ID", "value", "")
             report.refuse(element, f"solid {name!r} is placed in another's frame; give its place in the robot's")
         if element.tag in SHAPES:
             with report.blaming(element):
-                solids.append(_solid(element, numbers))
+                solids.append(solid_of(element, numbers))
     if not any(element.tag in SHAPES for element in elements):
         report.refuse(body, "there is no solid; a robot needs one: give the file that has <solids>")
     for wheel in body.findall("wheels/*"):
@@ -132,8 +145,9 @@ def _solids(body: Element, numbers: Numbers, report: Report) -> list[Solid]:
     return solids
 
 
-def _solid(element: Element, numbers: Numbers) -> Solid:
-    name, stated = _attribute(element, "ID", "value", ""), element.find("mass")
+def solid_of(element: Element, numbers: Numbers) -> Solid:
+    """Read a solid; raise ValueError for a wrong one."""
+    name, stated = attribute(element, "ID", "value", ""), element.find("mass")
     what = f"solid {name!r}"
     mass = numbers.one(stated, "value", 1.0, f"{what} <mass>")
     geometry, (A, B, C) = SHAPES[element.tag](element, numbers, what)
@@ -173,7 +187,7 @@ SHAPES = {"cuboid": _cuboid, "cylinder": _cylinder, "sphere": _sphere}
 
 def _axes(body: Element, numbers: Numbers, report: Report) -> list[Axis]:
     """Read the axes of all valid articulations, each from the link nearer to the root; report others."""
-    names = [_attribute(element, "ID", "value", "") for element in _all(body, "solids") if element.tag in SHAPES]
+    names = [attribute(element, "ID", "value", "") for element in _all(body, "solids") if element.tag in SHAPES]
     ends: dict[int, tuple[str, str]] = {}
     found: list[tuple[Element, list[Parts]]] = []  # joints, with their motors' parts over those of the last <default>
     inherited: list[Parts] = [{}, {}]
@@ -199,8 +213,8 @@ def _axes(body: Element, numbers: Numbers, report: Report) -> list[Axis]:
 
 def _ends(element: Element, names: list[str]) -> tuple[str, str]:
     """Return the two bodies of a joint, first the one that its angle belongs to."""
-    what = f"joint {_attribute(element, 'ID', 'value', '')!r}"
-    given = [_attribute(element, "connect", f"B{k}", _attribute(element, "connect", f"S{k}", "")) for k in (1, 2)]
+    what = f"joint {attribute(element, 'ID', 'value', '')!r}"
+    given = [attribute(element, "connect", f"B{k}", attribute(element, "connect", f"S{k}", "")) for k in (1, 2)]
     first, second = (WORLD if name in ("0", WORLD) and name not in names else name for name in given)
     for name in (first, second):
         if name not in (*names, WORLD):
@@ -217,7 +231,7 @@ def _axes_of(
 
     An angle is that of the first body against the second, so its sign changes if the first one is the parent.
     """
-    name, kind = _attribute(element, "ID", "value", ""), _attribute(element, "type", "value", "")
+    name, kind = attribute(element, "ID", "value", ""), attribute(element, "type", "value", "")
     what = f"joint {name!r}"
     if kind not in TYPES:
         raise ValueError(
