@@ -99,7 +99,7 @@ def plan_start(job: Job) -> Start:
             raise
         failure = str(error)
     if options.plan is None and failure != "ok":
-        job.print(f"plain plan: {failure}; taking the cheapest plan that walks")
+        job.print(f"plain plan: {failure}; searching for the cheapest plan that walks")
         try:
             first = plan_first_gait(job, "cheapest")
         except ValueError as error:  # the search starts from a gait that falls and may find one that walks
