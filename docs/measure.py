@@ -101,6 +101,8 @@ def grounds() -> Iterable[Row]:
     slope, right = math.radians(3.0), -0.5 * math.pi
     for name, ground in {
         "level": None, "down 3°": Ground(slope=-slope), "up 3°": Ground(slope=slope),
+        "1° down to the left": Ground(slope=slope / 3.0, heading=right),
+        "1° down to the right": Ground(slope=-slope / 3.0, heading=right),
         "3° down to the left": Ground(slope=slope, heading=right),
         "3° down to the right": Ground(slope=-slope, heading=right),
         "3 mm rough": Ground(field=rough_field(3e-3)), "3 mm rough, seed 1": Ground(field=rough_field(3e-3, 1)),
