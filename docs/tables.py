@@ -49,7 +49,8 @@ def records(file: str) -> tuple[Record, ...]:
     named = {"file": name or path.stem}
     if path.suffix == ".csv":
         lines = [line for line in text.splitlines() if not line.startswith("#")]
-        return tuple(named | row for row in csv.DictReader(lines))
+        rows = csv.DictReader(lines)
+        return tuple(named | {name: cell.removeprefix("'") for name, cell in row.items()} for row in rows)
     report = json.loads(text)
     return tuple(named | {"gait": name} | _gait(report, key) for name, key in (("first", "before"), ("found", "after")))
 

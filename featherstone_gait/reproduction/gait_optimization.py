@@ -2,7 +2,8 @@
 
 Forty joint angles, four poses of ten joints, start from a walk planned by preview control of the zero moment point.
 The search minimizes the energy per distance.  The paper reports one search of 3000 iterations: 14 % less energy per
-distance, steps 13 % longer, converged after 800 iterations, where its older model needed more than 2600.
+distance, steps 13 % longer, converged after 800 iterations, where an older model needed more than 2600: that of another
+paper, its reference [17], of which only this number is known; the standard model stands in for it.
 
 One run of a random method proves little, so there are several searches of each kind.  The two models of the paper
 differ in more than their gearbox: the older one chatters, so its cost is noisy.  The kinds of searches are

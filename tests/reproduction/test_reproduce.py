@@ -1,5 +1,6 @@
 """`featherstone-gait reproduce`: one report, failures in it, finished experiments kept."""
 
+import csv
 import json
 import re
 import subprocess
@@ -108,6 +109,16 @@ def test_the_markdown_has_every_claim_and_its_pictures(calls, tmp_path):
     pictures = [re.match(r"!\[\w+\]\((.*)\)", line)[1] for line in lines if line.startswith("![")]
     assert len(pictures) == 4
     assert all((tmp_path / picture).read_bytes().startswith(b"\x89PNG") for picture in pictures)
+
+
+def test_the_table_has_the_papers_claims_first_and_the_accepted_factors(calls, tmp_path):
+    report.reproduce(out=tmp_path)
+    text = (tmp_path / "reproduction.csv").read_text("utf-8")
+    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+    assert [(row["experiment"], row["item"]) for row in rows] == [
+        ("first", "Fig. 9"), ("last", "Fig. 9"), ("first", ""), ("last", ""),
+    ]  # fmt: skip
+    assert rows[0]["accepted"] == "0.4 to 2.5"
 
 
 def test_the_report_says_what_it_is_of(calls, tmp_path):
