@@ -26,11 +26,14 @@ from ..core.step.context import Run, Step
 from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
+from ..geometry.body import body as solid
 from ..model import Ground, HeightField, Mimic, Model, Supply
+from ..model.placed import Placed
+from ..model.shapes import Box, Sphere
 from ..robot_file import load_robot
 from ..robot_file.servos import with_servo
 from ..run.prepare import prepare, with_steps
-from ..run.simulate import PARTS, simulate, standing_state
+from ..run.simulate import PARTS, initial_state, simulate
 from ..run.worlds import Distribution, Worlds
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..scene.external import Push
@@ -99,8 +102,8 @@ def row_of(saving: str, without: Work, having: Work, note: str, repeats: int) ->
 
 
 def rollout(
-    model: Model, gearbox: GearboxKind | None = None, ground: Ground | None = None, *, lifted: float = 0.0,
-    integrator: str = "implicit_euler", record: tuple[str, ...] = (), every: int = COUNTED,
+    model: Model | list[Placed], gearbox: GearboxKind | None = None, ground: Ground | None = None, *,
+    lifted: float = 0.0, integrator: str = "implicit_euler", record: tuple[str, ...] = (), every: int = COUNTED,
     controller: Callable[[CompiledScene], Any] | None = None, pushes: Sequence[Push] = (), worlds: Worlds | None = None,
 ) -> Work:  # fmt: skip
     """Prepare a scene that goes on from its state after a tenth of a second; with worlds eight of it in lanes.
@@ -108,8 +111,8 @@ def rollout(
     A robot stands on the ground, or is lifted above it [m].
     """
     scene = compile_scene(model, gearbox, ground, integrator, STEP, fall_height=-1e6, fall_tilt=3.2)
-    state = None if ground is None else standing_state(scene, np.zeros(scene.tree.n))
-    if state is not None:
+    state = None if ground is None else initial_state(scene)
+    if state is not None and lifted:
         state[scene.layout["base_q"] + 2] += lifted
     begin = simulate(scene, SETTLE, state, pushes=pushes, record=(), estimate_error=False).final
     act, scenes = controller and controller(scene), worlds.scenes(scene) if worlds else [scene]
@@ -265,4 +268,15 @@ def humanoid_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no feedback from an IMU (humanoid)", walker(), walker(controller=walk.controller), "the same"),
         ("no worlds of servos and ground (humanoid)", alike, unlike, "eight lanes: a step of all"),
         ("no worlds of inertias (humanoid)", alike, inertias, "the same"),
+    )
+    alone, other = Placed(model, name="one"), Placed(model, name="other", position=(3.0, 0.0))
+    ball, box = (Placed(solid(shape, 1.0), name="it", position=(3.0, 0.0)) for shape in (Sphere(0.1), Box((0.1,) * 3)))
+    lanes = partial(walker, worlds=Worlds(8), record=("base_q",))
+    one, both = rollout([alone], "mipsd", ground), rollout([alone, other], "mipsd", ground)
+    yield from (
+        ("no company (humanoid)", walker(), one, "a scene that may have several, of one"),
+        ("no second humanoid", walker(), both, "3 m apart"),
+        ("no second humanoid, eight lanes", lanes(), rollout([alone, other], "mipsd", ground, worlds=Worlds(8)), ""),
+        ("no ball at rest (humanoid)", walker(), rollout([alone, ball], "mipsd", ground), "one contact point"),
+        ("no box at rest (humanoid)", walker(), rollout([alone, box], "mipsd", ground), "eight contact points"),
     )

@@ -26,6 +26,7 @@ from ..robot_file import load_robot
 from ..run.prepare import most_ticks
 from ..run.session import MOST_ROBOTS, Session
 from ..run.simulate import standing_state
+from ..run.start import check_one
 from ..run.worlds import Worlds
 from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, compile_scene
@@ -476,6 +477,7 @@ def _scene(robot: Any, gearbox: Any) -> CompiledScene:
                 "load_robot(FILE, base='floating', contacts='feet'), leg=LENGTH)"
             )
         scene = compile_scene(model, servo_gearbox(model, gearbox), Ground(), "midpoint", 1e-3)
+    check_one(scene, "an environment")
     if scene.ground is None or not scene.tree.floating or scene.constants.actuator is None:
         raise ValueError(
             f"{scene.model.name}: environments are of robots with a floating base, on the ground, with servos: load it "

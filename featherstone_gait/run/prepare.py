@@ -18,7 +18,7 @@ from ..scene.contact import by_body
 from ..scene.external import Push
 from .compiled_run import CompiledRun
 from .program import CompiledController, with_ticks
-from .start import check_scene
+from .start import check_one, check_scene
 
 LEAST_SHARE = 1e-3  # of the limit of explicit steps, that the least step of error control is at most
 BUDGET, BUDGET_RATE = 2e6, 2e4  # of its steps, with those rejected: minutes of computing, and as many a second more
@@ -53,6 +53,8 @@ def prepare(
         plan = plan._replace(rtol=rtol, atol=atol, least_step=least_step(scene), integrated=integrated)
         plan = plan._replace(second_run=scene.method.second_run, budget=budget(plan.steps * plan.h))
     record = recorded(scene, record)
+    if "clearance" in record:
+        check_one(scene, "the clearance")
     run = CompiledRun(scene.pushed(pushes), plan, record, *_stored(scene, record), controller=controller)
     if run.samples * max(1, len(run.channels)) > MOST_NUMBERS:  # they would fill the memory
         raise ValueError(

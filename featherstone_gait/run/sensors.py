@@ -16,7 +16,7 @@ from ..base.arguments import instance, vector
 from ..model import Ground
 from ..scene.compile import CompiledScene
 from ..scene.contact import ground_under, plane_axes
-from .start import check_scene
+from .start import check_one
 from .trajectory import Trajectory
 
 
@@ -40,7 +40,7 @@ def encoders(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
     ValueError
         A channel was not recorded.
     """
-    check_scene(scene)
+    check_one(scene, "a sensor")
     q = _channels(trajectory, "q")[0]
     servos = [scene.model.servos.get(name) for name in scene.model.joint_names]
     steps = np.array([servo.encoder_resolution if servo else 0.0 for servo in servos])
@@ -125,7 +125,7 @@ def sole_forces(scene: CompiledScene, trajectory: Trajectory) -> dict[str, np.nd
     ValueError
         A channel was not recorded, or the scene has no ground.
     """
-    check_scene(scene)
+    check_one(scene, "a sensor")
     forces, ground = _contact_forces(scene, trajectory), scene.ground or Ground()
     forces = in_world(ground, forces, contact_positions(scene, trajectory) if ground.field else None)
     links = [point.link for point in scene.model.contacts]
@@ -154,7 +154,7 @@ def center_of_pressure(scene: CompiledScene, trajectory: Trajectory, link: str |
     ValueError
         A channel was not recorded, the scene has no ground, or the link no contact points.
     """
-    check_scene(scene)
+    check_one(scene, "a sensor")
     points = [k for k, point in enumerate(scene.model.contacts) if link is None or point.link == str(link)]
     if not points:
         links = ", ".join(dict.fromkeys(point.link for point in scene.model.contacts))
@@ -185,7 +185,7 @@ def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarra
     ValueError
         A channel was not recorded.
     """
-    check_scene(scene)
+    check_one(scene, "a sensor")
     q = _channels(trajectory, "q")[0]
     if scene.tree.floating:
         q = np.hstack([_channels(trajectory, "base_q")[0], q])
@@ -232,7 +232,7 @@ def _channels(trajectory: Mapping[str, np.ndarray], *names: str) -> list[np.ndar
 
 
 def _check_floating(scene: CompiledScene) -> None:
-    check_scene(scene)
+    check_one(scene, "a sensor")
     if not scene.tree.floating:
         raise ValueError(f"{scene.model.name}: an IMU needs a floating base; load the robot with base='floating'")
 

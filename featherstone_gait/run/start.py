@@ -176,10 +176,8 @@ def standing_state(scene: CompiledScene, angles: ArrayLike, allow_limit_violatio
     ValueError
         For a fixed base, without ground, and as `initial_state`.
     """
-    check_scene(scene)
+    check_one(scene, "standing_state")
     model = scene.model
-    if scene.members:
-        raise ValueError("standing_state is of one robot; of several give initial_state(scene, {name: q})")
     if model.base != "floating" or scene.ground is None:
         raise ValueError(f"{model.name}: only a floating robot over ground stands; its base is {model.base}")
     q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *vector("angles", angles, scene.tree.n)])
@@ -190,6 +188,17 @@ def standing_state(scene: CompiledScene, angles: ArrayLike, allow_limit_violatio
 def check_scene(scene: CompiledScene) -> None:
     """Raise TypeError unless it is one."""
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
+
+
+def check_one(scene: CompiledScene, what: str) -> None:
+    """Raise ValueError for a scene of several robots, where `what` is of one."""
+    check_scene(scene)
+    if scene.members:
+        name = scene.members[0].name
+        raise ValueError(
+            f"{scene.model.name}: {what} is of one robot alone; take that of one member, "
+            f"scene.member({name!r}).scene, and its run, run[{name!r}]"
+        )
 
 
 def check_quaternion(scene: CompiledScene, quaternion: np.ndarray, shortest: float, longest: float) -> None:

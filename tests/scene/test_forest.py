@@ -11,6 +11,7 @@ from featherstone_gait.model import ContactPoint, Ground, Link, Model
 from featherstone_gait.model.placed import Placed
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.reference import Reference
+from featherstone_gait.run.sensors import sole_forces
 from featherstone_gait.run.session import Session
 from featherstone_gait.run.simulate import Push, initial_state, simulate, simulate_batch
 from featherstone_gait.run.trajectory import Trajectory
@@ -229,3 +230,14 @@ def test_all_members_rest_where_each_rests_alone():
     assert np.abs(run["q"] - run["q"][0]).max() < 1e-6
     with pytest.raises(ValueError, match="there are a, b, box"):
         trim(scene, {"c": np.zeros(7)})
+
+
+def test_what_is_of_one_robot_says_so():
+    scene = objects()
+    run = simulate(scene, 0.1, estimate_error=False, record=("base_q", "contact_force"))
+    with pytest.raises(ValueError, match="of one robot alone"):
+        sole_forces(scene, run)
+    forces = sole_forces(scene.member("box").scene, run["box"])
+    assert forces["box"].shape == (11, 3)
+    with pytest.raises(ValueError, match="of one robot alone"):
+        simulate(scene, 0.1, record=("clearance",))
