@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from xml.etree.ElementTree import Element
 
 from ..base.arguments import instance, truth
 from ..base.files import complete
@@ -13,7 +12,7 @@ from ..geometry.contact_choice import with_contacts
 from ..model import Ground, Link, Model
 from ..model.placed import SEPARATOR, Placed, SceneModel
 from .load import model_of, resolve_couplings
-from .markup import read_markup
+from .markup import Markup, read_markup
 from .mjcf.scene import OBSTACLE, Part, read_scene
 from .mjcf.tree import unused
 from .mjcf.write_scene import scene_text
@@ -63,7 +62,7 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
             return read_scene_toml(path, strict)
         markup = read_markup(path)
         if markup.root.tag == "scene":
-            return _simtwo(path, markup.root, strict)
+            return _simtwo(path, markup, strict)
         if markup.root.tag != "mujoco":
             raise ValueError(
                 f"is <{markup.root.tag}>; a scene is MJCF (<mujoco>), SimTwo (<scene>) or TOML: load a "
@@ -84,12 +83,12 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
     return scene
 
 
-def _simtwo(path: Path, root: Element, strict: bool) -> SceneModel:
+def _simtwo(path: Path, markup: Markup, strict: bool) -> SceneModel:
     """Load the robots, things and obstacles of a scene of SimTwo, on level ground."""
     members: list[Placed] = []
-    for element in root.iterfind("robot"):
-        report = Report({}, strict)
-        robot = read_simtwo(path, root, None, report, element)
+    for element in markup.root.iterfind("robot"):
+        report = Report(markup.lines, strict)
+        robot = read_simtwo(path, markup.root, None, report, element)
         x, y, z, *quaternion = robot.postures["scene"].base
         name = unused(robot.name.replace(SEPARATOR, "_"), [placed.name for placed in members])
         model = model_of(path, robot._replace(name=name), Settings(), report, ())
@@ -99,8 +98,8 @@ def _simtwo(path: Path, root: Element, strict: bool) -> SceneModel:
             )
         )
         report.warn(path, stacklevel=4)
-    things, remarks = read_solids(path, root, "things", strict)
-    obstacles, more = read_solids(path, root, "obstacles", strict)
+    things, remarks = read_solids(path, markup, "things", strict)
+    obstacles, more = read_solids(path, markup, "obstacles", strict)
     members += [replace(placed, model=with_contacts(placed.model, "all")) for placed in things]
     return SceneModel(path.stem, tuple(members), tuple(obstacles), Ground(), notes=(*remarks, *more), source=str(path))
 

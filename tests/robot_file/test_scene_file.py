@@ -262,6 +262,9 @@ def test_a_scene_of_simtwo_has_all_of_its_robots_things_and_obstacles(tmp_path):
     with pytest.raises(ValueError, match="load_scene"):
         load_robot(tmp_path / "scene.xml")
     attack(tmp_path, SIMTWO, "scene.xml", 30, seed=4)
+    for wrong in ('value=""', 'value="wall"/><mass value="x"'):
+        with pytest.raises(ValueError, match=r"scene\.xml: line 7"):
+            quiet(written(tmp_path, SIMTWO.replace('value="wall"', wrong)))
     (tmp_path / "things.xml").unlink()
     with pytest.raises(ValueError, match=r"things\.xml"):
         quiet(written(tmp_path, SIMTWO))

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 from ...model import Model
 from ...model.placed import SEPARATOR, Placed
 from ...model.shapes import Shape
-from ..markup import read_markup
+from ..markup import Markup, read_markup
 from ..report import Report, blamed_on
 from .expression import Numbers, constants_of
 from .read import SHAPES, attribute, solid_of
@@ -17,15 +17,17 @@ from .read import SHAPES, attribute, solid_of
 LINK = "body"  # the one link of a thing
 
 
-def read_solids(path: Path, root: Element, kind: str, strict: bool) -> tuple[list[Placed], tuple[str, ...]]:
+def read_solids(path: Path, markup: Markup, kind: str, strict: bool) -> tuple[list[Placed], tuple[str, ...]]:
     """Read the solids of a kind, in the scene or in the files that it names, and what is ignored.
 
-    Raises RobotFileError for all that is wrong with a file.
+    kind: "things", which move freely, or "obstacles", which do not.  Raises RobotFileError for all
+    that is wrong with a file.
     """
     found: list[Placed] = []
     notes: list[str] = []
+    root = markup.root
     for section in root.iterfind(kind):
-        file, body, lines = path, section, dict[Element, int]()
+        file, body, lines = path, section, markup.lines
         if "file" in section.attrib:
             file = path.parent / section.attrib["file"]
             with blamed_on(file):
