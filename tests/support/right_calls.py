@@ -93,6 +93,12 @@ def box() -> fg.Model:
     return fg.Model("box", links, joints, "floating", contacts=corners, shapes=(shape,))
 
 
+def company() -> fg.SceneModel:
+    """An arm and a ball."""
+    ball = fg.Placed(fg.body(fg.Sphere(0.1), 1.0, "ball"), position=(1.0, 0.0))
+    return fg.SceneModel("company", (fg.Placed(arm()), ball), ground=fg.Ground())
+
+
 def _all_fields(record: Any) -> dict[str, Any]:
     return {f.name: getattr(record, f.name) for f in fields(record) if f.init}
 
@@ -122,6 +128,8 @@ def _parts() -> Iterator[Call]:
         fg.Mesh("file.stl"),
         fg.Hull(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
         fg.Shape("a", fg.Sphere(1.0)),
+        fg.Placed(box(), "lid box", (0.0, 1.0)),
+        company(),
         fg.Distribution("normal", 0.1),
         fg.Worlds(3, servos={"Kp": fg.Distribution("uniform", 0.1)}, gravity=(0.0, 0.0, -9.81)),
     ):
@@ -193,6 +201,10 @@ def _scenes() -> Iterator[Call]:
     yield Call(
         "compile_scene", fg.compile_scene, {"model": robot, "gearbox": "rotor", "timestep": 1e-3, "springs": springs}
     )
+    several = [fg.Placed(cube, position=(0.0, 0.0, 1.0)), fg.Placed(company().members[1].model, position=(0.0, 2.0))]
+    both = fg.compile_scene(several, None, fg.Ground(), "implicit_euler", 1e-3)
+    yield Call("compile_scene", fg.compile_scene, {"model": several, "ground": fg.Ground(), "timestep": 1e-3})
+    yield Call("initial_state", fg.initial_state, {"scene": both, "q": {"ball": [0, 0, 1, 1, 0, 0, 0]}, "qd": {}})
     yield Call("Push", lambda **push: fg.simulate(driven, 0.01, pushes=[fg.Push(**push)]), push[0]._asdict(), True)
     begin = {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "allow_limit_violation": False}
     yield Call("initial_state", fg.initial_state, begin)
@@ -248,6 +260,11 @@ def _files() -> Iterator[Call]:
             "package_dirs": (),
         },
     )
+    shape = {"shape": fg.Box((0.1, 0.1, 0.1)), "mass": 1.0, "name": "crate", "base": "floating"}
+    inertia = {"inertia": (1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3), "center_of_mass": (0.0, 0.0, 0.01), "friction": 0.5}
+    yield Call("body", fg.body, shape | inertia)
+    yield Call("save_scene", fg.save_scene, {"scene": company(), "path": "company.xml"})
+    yield Call("load_scene", fg.load_scene, {"path": "company.xml", "strict": False})
     yield Call("save_robot", fg.save_robot, {"model": arm(), "path": "saved.urdf", "ground": None})
     yield Call("save_robot", fg.save_robot, {"model": arm(), "path": "saved.xml", "ground": fg.Ground()})
     yield Call("load_servo", fg.load_servo, {"name": "ax12", "gearbox": "physical", "Kp": 10.0, "law": "pid_position"})
