@@ -105,8 +105,8 @@ class Trajectory(Mapping[str, np.ndarray]):
         first, end = share["joints"]
         info = {key: value for key, value in self.info.items() if key != "members"}
         info |= {"robot": share["robot"], "joints": share["joints_of"], "joint_types": info["joint_types"][first:end]}
-        channels = {key: values for key, values in _own(self.channels, share).items() if values.size}
-        errors = None if self.error is None else {k: v for k, v in _own(self.error, share).items() if k in channels}
+        channels = {key: values for key, values in _own(self.channels, share).items()}
+        errors = None if self.error is None else _own(self.error, share)
         parts, indices = _own_parts(self.parts, share)
         second = None if self.second_final is None else self.second_final[indices]
         return Trajectory(
@@ -265,7 +265,7 @@ def _own(channels: Mapping[str, np.ndarray], share: Share) -> dict[str, np.ndarr
         channel, flat = BY_NAME.get(name), values.reshape(len(values), -1)
         if channel is None:  # time
             found[name] = values
-        else:
+        elif not (channel.of == "base" and share["fixed"]):
             found[name] = shaped(channel, flat[:, owned(channel, share, flat.shape[1])])
     return found
 

@@ -24,7 +24,7 @@ from ..core.step.context import Scene
 from ..core.step.state import IN_STATE
 from ..core.tree.forest import TREE
 from ..model import Joint, Link, Model, Placement
-from ..model.placed import Placed
+from ..model.placed import Placed, link_name
 from .actuator import Actuator, passive
 from .channels import Share, owned
 from .friction import Friction
@@ -93,7 +93,7 @@ def joined_model(members: Sequence[Member], name: str) -> Model:
 
 def named(member: Member, name: str) -> str:
     """Return the name of a link or joint in the scene."""
-    return f"{member.name}/{name}"
+    return link_name(member.name, name)
 
 
 def _renamed(member: Member, joint: Joint) -> Joint:
@@ -113,10 +113,9 @@ def members_of(members: Sequence[Member], model: Model) -> list[Model]:
         own = member.model
         next(joints)  # the one that fixes the root
         new_links = [replace(next(links), name=link.name) for link in own.links]
-        old = {joint.name: joint for joint in own.joints}
         new_joints = [
             replace(next(joints), name=one.name, parent=one.parent, child=one.child, mimic=one.mimic)
-            for one in old.values()
+            for one in own.joints
         ]
         servos = {name: model.servos[named(member, name)] for name in own.servos}
         found.append(own.with_numbers(links=new_links, joints=new_joints, servos=servos))

@@ -385,7 +385,7 @@ function panel(runs) {
 
 let panels = [];
 function arrange() {
-  const groups = shown.ghosts ? [data.runs] : data.runs.map(run => [run]);
+  const groups = shown.ghosts || data.together ? [data.runs] : data.runs.map(run => [run]);
   panels = groups.map(panel);
   $("views").replaceChildren(...panels.map(p => p.figure));
   fit();
@@ -407,7 +407,7 @@ function fit() {  // pictures get what the window leaves, so that the controls a
 
 function center(run, at) {
   const base = at[run.root], first = run.frames[0], i = 7 * run.root, m = run.middle;
-  const moved = shown.follow && models[run.model].moves;
+  const moved = shown.follow && !data.together && models[run.model].moves;
   const away = k => moved ? base[k] - data.unit * first[i + k] : 0;
   return [m[0] + away(0) + view.pan[0], m[1] + away(1) + view.pan[1], m[2] + (run.floor.quads ? away(2) : 0) + view.pan[2]];
 }
@@ -425,12 +425,15 @@ function drawPanel({ runs, canvas, now }) {
     if (shown.prints) prints(g, cam, run, Math.min(t, run.end), ratio);
     shadow(g, cam, models[run.model].bodies, at[k], run.floor);
   });
-  for (let k = runs.length - 1; k >= 0; k--) {
+  const order = runs.map((_, k) => k).reverse();
+  const depth = k => cam.see(at[k][runs[k].root])[2];
+  if (data.together) order.sort((a, b) => depth(b) - depth(a));  // far ones first
+  for (const k of order) {
     const run = runs[k], model = models[run.model];
     const touching = contacts(run, Math.min(t, run.end)).filter(c => c.touches);
     if (shown.prints) support(g, cam, touching);
     const how = { tint: shown.load && run.load ? loads(run, model, t) : null, pale: ended(run, t), ratio };
-    if (k) ghost(g, cam, model, at[k], how);
+    if (k && !data.together) ghost(g, cam, model, at[k], how);
     else robot(g, cam, model, at[k], how);
     if (shown.forces) arrows(g, cam, touching, ratio);
   }
@@ -775,7 +778,7 @@ function steer(canvas) {
 
 const TOGGLES = [["follow", "C", "follow", data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces)],
   ["prints", "P", "footprints", data.runs.some(r => r.points)], ["load", "L", "servo load", data.runs.some(r => r.load)],
-  ["ghosts", "G", "ghosts", data.runs.length > 1]].filter(toggle => toggle[3]);
+  ["ghosts", "G", "ghosts", data.runs.length > 1 && !data.together]].filter(toggle => toggle[3]);
 const buttons = {};
 function toggle(name) {
   if (!buttons[name]) return;

@@ -68,13 +68,15 @@ def render(title: str, data: Mapping[str, Any]) -> str:
     return page
 
 
-def page_html(runs: Mapping[str, Seen], title: str, plots: Sequence[str] = (), ghosts: bool = False) -> str:
+def page_html(
+    runs: Mapping[str, Seen], title: str, plots: Sequence[str] = (), ghosts: bool = False, together: bool = False
+) -> str:
     """Make the page of runs by caption.  Raises ValueError as `recorded.page_data` and `render`."""
     for caption in runs:
         instance("runs: caption", caption, str, "give a text")
     if not runs:
         raise ValueError("runs is empty; give one run at least")
-    return render(title, page_data(runs, plots, ghosts))
+    return render(title, page_data(runs, plots, ghosts, together))
 
 
 def write_animation(path: FilePath, model: Model, runs: Mapping[str, Trajectory], title: str = "") -> None:

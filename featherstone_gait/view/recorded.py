@@ -52,8 +52,10 @@ class Seen:
     ground: Ground | None = None
 
 
-def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool = False) -> dict[str, Any]:
-    """Collect the data of a page from runs by caption.
+def page_data(
+    runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool = False, together: bool = False
+) -> dict[str, Any]:
+    """Collect the data of a page from runs by caption, of which `together` makes one picture.
 
     Raises ValueError if channels are missing that say where the robot is, and for a robot that has nothing to draw.
     """
@@ -62,6 +64,10 @@ def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool 
     found = [looks[id(seen.model)][0] for seen in runs.values()]
     poses = [sampled(seen) for seen in runs.values()]
     boxes = [corners_of(seen.model, p, f) for seen, p, f in zip(runs.values(), poses, found)]
+    if together:  # one box about all that all of them pass through
+        ends = [(box.min(axis=(0, 1)), box.max(axis=(0, 1))) for box in boxes]
+        whole = np.array([np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)])
+        boxes = [whole[None]] * len(boxes)
     across = max(1e-3, *(float(np.ptp(box[..., :2], axis=1).max()) for box in boxes))
     height = max(1e-3, *(float(np.ptp(box[..., 2], axis=1).max()) for box in boxes))
     unit = 10.0 ** math.floor(math.log10(max(FINE * max(across, height), 1e-9)))
@@ -73,9 +79,10 @@ def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool 
             {"caption": caption, "model": [*robots].index(id(seen.model))} | _run(seen, p, f, box, unit, len(runs))
             for (caption, seen), p, f, box in zip(runs.items(), poses, found, boxes)
         ],
-        "span": float(f"{max(1.45 * height, 1.55 * across):.3g}"),
+        "span": float(f"{(1.3 if together else 1.0) * max(1.45 * height, 1.55 * across):.3g}"),
         "plots": list(plots),
         "ghosts": ghosts,
+        "together": together,
         "notes": list(dict.fromkeys(note for _, notes in looks.values() for note in notes)),
     }
     known_channels([run["channels"] for run in data["runs"]], plots)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,12 @@ import numpy as np
 from ..base import arguments
 from ..base.arguments import instance, shown, texts, truth
 from ..base.files import FilePath
-from ..model import Ground, Model
+from ..base.rotation import rotation_from_quaternion, rpy_from_rotation
+from ..model import Ground, Joint, Link, Model
+from ..model.placed import Placed
 from ..model.rest_posture import nearest_posture
 from ..robot_file import load_robot, robot_names
+from ..run.start import check_one
 from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
@@ -26,6 +29,7 @@ from .page import Page, page_html
 from .recorded import Seen
 from .style import in_notebook
 
+OF_WORLD = "world/"  # no link of a robot in a scene has such a name
 Robot = Model | CompiledScene | str | os.PathLike[str] | None
 
 
@@ -46,7 +50,8 @@ def show(
         What `simulate` returns, with the channel q, and base_q of a floating base.
     robot : Model, CompiledScene, path or str, optional
         The model or scene that made the run (a scene knows its ground too), or the robot's file or name.  By default
-        as the run says, which knows robots that come with the package.
+        as the run says, which knows robots that come with the package.  A run of several robots and objects needs
+        its scene, and all are drawn in one picture.
     *others : Trajectory
         More runs of the robot, beside the first or, with `ghosts`, seen through it.
     captions : list of str
@@ -67,7 +72,10 @@ def show(
     ValueError
         Robot and run do not fit, channels are missing, or captions are not one for each run.
     """
-    page = Page(page_html(*_seen([trajectory, *others], robot, captions, plots), truth("ghosts", ghosts)))
+    together = isinstance(robot, CompiledScene) and bool(robot.members)
+    runs = [trajectory, *others]
+    seen = _company(runs, robot, plots) if together else _seen(runs, robot, captions, plots)
+    page = Page(page_html(*seen, truth("ghosts", ghosts), together))
     if path is not None:
         page.save(arguments.path("path", path))
     elif not in_notebook():
@@ -130,6 +138,33 @@ def _seen(
     return seen, title or seen[captions[0]].model.name, channels
 
 
+def _company(runs: Sequence[Trajectory], scene: Any, plots: Sequence[str]) -> tuple[dict[str, Seen], str, list[str]]:
+    """Return the run of each member by its name, and the obstacles, as `_seen` does for runs of one robot."""
+    run, *others = runs
+    instance("trajectory", run, Trajectory, "give what simulate returns")
+    if others:
+        raise ValueError("others: runs of several robots are shown one by one; give one run and its scene")
+    seen = {}
+    for member in scene.members:
+        fixed = member.model.base == "fixed"
+        own = run.of(member.name)
+        seen[member.name] = Seen(at_its_place(member.placed) if fixed else member.model, own, scene.ground)
+    times = {"time": run["time"], "q": np.zeros((len(run["time"]), 0))}
+    for placed in scene.obstacles:
+        still = Trajectory(times, Status.OK, "", float(run["time"][-1]), np.zeros(0), {"robot": placed.name})
+        seen[placed.name] = Seen(at_its_place(placed), still, scene.ground)
+    return seen, scene.model.name, texts("plots", plots, "give a list of channels")
+
+
+def at_its_place(placed: Placed) -> Model:
+    """Return a model with a fixed base whose root link is at its place in a world of its own."""
+    xyz: Any = (*placed.position, 0.0)[:3]
+    rpy = rpy_from_rotation(rotation_from_quaternion(placed.orientation))
+    place = Joint(f"{OF_WORLD}place", "fixed", OF_WORLD, placed.model.root, xyz=xyz, rpy=rpy)
+    links, joints = (Link(OF_WORLD), *placed.model.links), (place, *placed.model.joints)
+    return replace(placed.model, links=links, joints=joints, base="fixed")
+
+
 def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
     """Make a run of one sample: a robot at rest, in a posture of its file or the one nearest to zero."""
     if keyframe is None:
@@ -156,6 +191,7 @@ def robot_of(trajectory: Trajectory, robot: Robot = None) -> tuple[Model, Ground
     the name, which only leads to robots of the package.  Raises ValueError if no robot is found or its joints differ.
     """
     if isinstance(robot, CompiledScene):
+        check_one(robot, "this picture")
         model, ground = robot.model, robot.ground
     else:
         model = robot if isinstance(robot, Model) else _loaded(trajectory.info, robot, "base_q" in trajectory)

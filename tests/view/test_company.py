@@ -1,0 +1,51 @@
+"""Pictures of scenes of several robots and objects."""
+
+import numpy as np
+import pytest
+
+from featherstone_gait.geometry.body import body
+from featherstone_gait.model import Ground
+from featherstone_gait.model.placed import Placed, SceneModel
+from featherstone_gait.model.shapes import Box, Sphere
+from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.simulate import simulate
+from featherstone_gait.scene.compile import compile_scene
+from featherstone_gait.view.recorded import page_data
+from featherstone_gait.view.shown import _company, show
+
+TURNED = (0.0, 0.0, 0.0, 1.0)
+
+
+def four():
+    arm = load_robot("arm7")
+    members = (
+        Placed(arm, "left", (0.0, 0.5, 0.0)),
+        Placed(arm, "right", (0.0, -0.5, 0.2), TURNED),
+        Placed(body(Sphere(0.1), 1.0), "ball", (0.5, 0.0, 1.0)),
+        Placed(body(Box((0.2, 0.2, 0.2)), 1.0), "crate", (1.0, 0.0)),
+    )
+    table = Placed(body(Box((0.3, 0.3, 0.4)), name="table", base="fixed"), position=(2.0, 0.0, 0.2))
+    return SceneModel("four", members, (table,), Ground())
+
+
+def test_a_page_draws_four_robots_and_an_obstacle_at_their_places():
+    scene = compile_scene(four(), None, integrator="implicit_euler", timestep=1e-3)
+    run = simulate(scene, 0.1, record=("q", "base_q"), estimate_error=False)
+    seen, _, _ = _company([run], scene, ())
+    data = page_data(seen, together=True)
+    assert [one["caption"] for one in data["runs"]] == ["left", "right", "ball", "crate", "table"]
+    first = {one["caption"]: data["unit"] * np.reshape(one["frames"][0], (-1, 7))[:, :3] for one in data["runs"]}
+    right = 2.0 * np.array([0.0, 0.0, 0.1])  # its root is 0.2 m above the ground, and it is turned by 180 degrees
+    assert first["right"][0] == pytest.approx(np.array([0.0, -0.5, 0.0]) + right, abs=0.05)
+    assert first["ball"][0] == pytest.approx([0.5, 0.0, 1.0], abs=1e-3)
+    assert first["table"][0] == pytest.approx([2.0, 0.0, 0.2], abs=1e-3)
+    assert len({tuple(one["middle"]) for one in data["runs"]}) == 1
+
+
+def test_pictures_of_one_robot_name_the_member_to_take(tmp_path):
+    scene = compile_scene(four(), None, integrator="implicit_euler", timestep=1e-3)
+    run = simulate(scene, 0.1, record=("q", "base_q"), estimate_error=False)
+    with pytest.raises(ValueError, match="one by one"):
+        show(run, scene, run)
+    show(run, scene, path=tmp_path / "four.html")
+    assert '"together":true' in (tmp_path / "four.html").read_text("utf-8")
