@@ -78,7 +78,7 @@ def joined_model(members: Sequence[Member], name: str) -> Model:
         model, placed = member.model, member.placed
         xyz = cast(Any, (*placed.position, 0.0)[:3])
         root, turned = named(member, model.root), rpy_from_rotation(rotation_from_quaternion(placed.orientation))
-        joints.append(Joint(root, "fixed", WORLD, root, xyz=xyz, rpy=turned))
+        joints.append(Joint(f"/{member.name}", "fixed", WORLD, root, xyz=xyz, rpy=turned))  # no joint is called so
         links += [replace(link, name=named(member, link.name)) for link in model.links]
         joints += [_renamed(member, joint) for joint in model.joints]
         parts["contacts"] += [replace(one, link=named(member, one.link)) for one in _touching(member)]

@@ -1,6 +1,7 @@
 """Scenes of several robots and objects: each moves as it does alone."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -185,6 +186,15 @@ def test_names_and_places_are_checked():
     run = simulate(scene, 0.1, estimate_error=False)
     with pytest.raises(ValueError, match="there are ball, box"):
         run.of("bal")
+
+
+def test_a_joint_may_have_the_name_of_a_root():
+    arm = load_robot("arm7")
+    first = arm.joints[0].name
+    joints = tuple(replace(one, name=arm.root) if one.name == first else one for one in arm.joints)
+    servos = {arm.root if name == first else name: servo for name, servo in arm.servos.items()}
+    scene = compile_scene([Placed(replace(arm, joints=joints, servos=servos), name="a"), Placed(ball())], "mipsd")
+    assert scene.model.joint_names[0] == f"a/{arm.root}"
 
 
 def test_servos_that_cannot_act_in_one_scene_are_refused():
