@@ -13,10 +13,16 @@ VARIES = "varies"  # tag of a cell that prints times, or the machine
 
 
 def printed(notebook):
-    """What each code cell prints, but of those that vary."""
+    """What each code cell prints, and its tables, but of those that vary."""
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     kept = [cell for cell in cells if VARIES not in cell.metadata.get("tags", ())]
-    return ["".join(o.text for o in cell.outputs if o.output_type == "stream" and o.name == "stdout") for cell in kept]
+    return ["".join(map(text, cell.outputs)) for cell in kept]
+
+
+def text(output):
+    if output.output_type == "stream":
+        return output.text if output.name == "stdout" else ""
+    return output.get("data", {}).get("text/html", "")
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
