@@ -243,6 +243,9 @@ def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
     k, name, limit, unit, errors = min(found, key=lambda one: one[:2])
     column = int(errors.argmax())
     what = run.info["joints"][column // ENERGIES] if name == "energy" else f"number {column} of {name}"
+    if name.startswith("base") and "members" in run.info:
+        member, number = divmod(column, run[name].shape[-1])
+        what = f"{[*run.info['members']][member]}, number {number},"
     if name in ("q", "qd"):
         what, unit = run.info["joints"][column], unit_of(name, run.info.get("joint_types", ())[column : column + 1])
     finer = f"rtol than {run.info['rtol']:g}" if "rtol" in run.info else f"timestep than {run.info['timestep']:g} s"

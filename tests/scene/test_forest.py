@@ -171,6 +171,18 @@ def test_a_run_is_saved_and_goes_on(tmp_path):
     assert np.array_equal(again["base_q"], simulate(scene, 0.2, read, estimate_error=False)["ball"]["base_q"])
 
 
+@pytest.mark.long
+def test_an_uncertain_base_is_told_by_its_member():
+    scene = compile_scene(
+        [Placed(box(), name="still"), Placed(box(), name="tumbling", position=(2.0, 0.0, 1.0))],
+        ground=Ground(), integrator="implicit_euler", timestep=2e-3,
+    )  # fmt: skip
+    run = simulate(scene, 2.0, initial_state(scene, qd={"tumbling": [1.0, 2.0, 0.0, 3.0, 4.0, 5.0]}))
+    assert run.status == "inaccurate"
+    assert "of tumbling" in run.message
+    assert run["still"].error["base_q"].max() < 1e-6
+
+
 def test_names_and_places_are_checked():
     with pytest.raises(ValueError, match="'ball' is the name of several"):
         compile_scene([ball(), ball()])
