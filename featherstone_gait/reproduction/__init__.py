@@ -12,7 +12,7 @@ Its simulator's order of updates is the integrator "simtwo", which importing thi
 
 from ..base.deprecated import renamed
 from ..core import add_integrators
-from .claim import Claim, ClaimTable, Verdict, format_claims
+from .claim import Claim, ClaimTable, Verdict, classify, format_claims, number, question
 
 add_integrators(f"{__name__}.simtwo")
 
@@ -34,6 +34,6 @@ EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "complete_humanoid",
 )
 
-__all__ = ["EXPERIMENTS", "Claim", "ClaimTable", "Verdict", "format_claims"]
+__all__ = ["EXPERIMENTS", "Claim", "ClaimTable", "Verdict", "classify", "format_claims", "number", "question"]
 
 __getattr__ = renamed(__name__, {"listed": "featherstone_gait.reproduction.claim:format_claims"})

@@ -110,6 +110,31 @@ class Claim:
         return self.verdict if self.item else ANSWERS[self.verdict]
 
 
+def number(
+    item: str, claim: str, paper: float, ours: float, factor: float, unit: str = "", order: bool = False
+) -> Claim:
+    """Return a claim of the paper that is a number, reproduced if ours is within a factor of it.
+
+    Parameters
+    ----------
+    item, claim : str
+        As of `Claim`.
+    paper, ours : float
+        Both numbers, in the same unit.
+    factor : float
+        Within which ours counts as the paper's.
+    unit : str
+        What is written after both numbers.
+    order : bool
+        Whether both are ratios of two things, which are in the same order if both are above 1, or both below.
+    """
+    ratio, low = ours / paper, 1.0 / factor
+    here, there = (f"{x:.3g} {unit}".strip() for x in (ours, paper))
+    verdict = classify(low <= ratio <= factor, order and (ours > 1.0) == (paper > 1.0))
+    rule = f"Rule: within a factor {factor:g}" + ("; in direction if in the same order." if order else ".")
+    return Claim(claim, there, here, verdict, rule, item, ratio, within(factor), order)
+
+
 def question(claim: str, ours: str, verdict: Verdict, why: str) -> Claim:
     """Return a claim of our own, on which the paper says nothing."""
     return Claim(claim, "", ours, verdict, why)

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from featherstone_gait import cli
-from featherstone_gait.reproduction import EXPERIMENTS, Claim, ClaimTable, format_claims, report, sources
+from featherstone_gait.reproduction import EXPERIMENTS, Claim, ClaimTable, format_claims, number, report, sources
 from featherstone_gait.reproduction.claim import classify, plus_minus, within
 from featherstone_gait.reproduction.items import ITEMS
 from featherstone_gait.reproduction.narrow import WIDTH, stack
@@ -347,3 +347,18 @@ def test_results_belong_to_the_sources_that_their_experiment_loads(tmp_path):
     assert "view/style.py" in inside
     assert not any(path.startswith(("cli/", "benchmark/")) for path in inside)
     assert "reproduction/posture.py" not in inside
+
+
+@pytest.mark.parametrize(
+    ("ours", "order", "verdict"),
+    [
+        (2.6, False, "reproduced"),
+        (5.5, True, "reproduced"),
+        (2.4, False, "not reproduced"),
+        (2.4, True, "reproduced in direction"),
+        (0.9, True, "not reproduced"),
+    ],
+)
+def test_number_is_the_papers_within_its_factor_and_only_an_order_holds_in_direction(ours, order, verdict):
+    claim = number("Fig. 11", "repeats better", 3.75, ours, 1.5, "times", order)
+    assert (claim.verdict, claim.factor) == (verdict, pytest.approx(ours / 3.75))
