@@ -44,6 +44,7 @@ FIELDS = {  # numbers that may differ, by section
     "links": ("mass", "center_of_mass", "inertia", "gravity_compensation"),
     "joints": ("damping", "friction", "armature", "effort", "lower", "upper", "stiffness", "spring_reference"),
     "supply": tuple(f.name for f in dataclasses.fields(Supply)),
+    "places": ("position",),
 }
 WHOLE = ("ground", "supply")  # of which a scene has one
 
@@ -138,12 +139,13 @@ class Worlds:
     ----------
     runs : int
         Number of runs; may be left out where an array has it.
-    ground, servos, links, joints, supply : dict
-        Values by the names of fields: of `Ground`; `Servo` with its `Gearbox` and `Controller`; `Link`; `Joint`; and
-        `Supply`, in their units.  A name stands for all servos, links or joints of the robot, "PART.name" for that of
-        one joint or link.  A value is a number; an array (runs,); an array (runs, parts) in the order of the model
-        (servos in the order of moving joints), with a last axis of 3 or 6 for centers of mass and inertias; or a
-        `Distribution` from which to draw.
+    ground, servos, links, joints, supply, places : dict
+        Values by the names of fields: of `Ground`; `Servo` with its `Gearbox` and `Controller`; `Link`; `Joint`;
+        `Supply`, in their units; and "position" of `Placed`, where runs start that are given no state.  A name stands
+        for all servos, links, joints or members of the scene, "PART.name" for that of one.  A value is a number; an
+        array (runs,); an array (runs, parts) in the order of the model (servos in the order of moving joints), with a
+        last axis of 3 or 6 for centers of mass and inertias, of 2 or 3 for positions; or a `Distribution` from which to
+        draw.
     gravity : array_like or None
         Gravity (3,) or (runs, 3) [m/s^2].
     seed : int
@@ -168,6 +170,7 @@ class Worlds:
     gravity: ArrayLike | None = None
     seed: int = 0
     supply: Mapping[str, Values] = field(default_factory=dict)
+    places: Mapping[str, Values] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -253,6 +256,8 @@ def nominal(scene: CompiledScene, section: str, key: str) -> tuple[list[str], np
     if not parts:
         raise ValueError(f"worlds: {section}: {key} is given, but the scene of {scene.model.name} has none; remove it")
     chosen = {part: parts[part]} if part else parts
+    if section == "places" and len({len(placed.position) for placed in chosen.values()}) > 1:
+        raise ValueError("worlds: places: some members have positions of two numbers: name one, as 'ball.position'")
     return [*chosen], np.array([_number(owner, name) for owner in chosen.values()], dtype=float)
 
 
@@ -274,6 +279,8 @@ def _parts(scene: CompiledScene, section: str) -> dict[str, Any]:
         return {} if scene.ground is None else {"": scene.ground}
     if section == "supply":
         return {} if scene.constants.supply is None else {"": model.supply}
+    if section == "places":
+        return {member.name: member.placed for member in scene.members}
     if section == "servos":
         return {name: model.servos[name] for name in model.joint_names if scene.gearbox and name in model.servos}
     if section == "links":
@@ -308,7 +315,7 @@ def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarr
     if changed["ground"]:
         assert scene.ground is not None
         given["ground"] = dataclasses.replace(scene.ground, **changed["ground"][""])
-    return scene.recompiled(model, **given)
+    return scene.recompiled(model, places=changed["places"], **given)
 
 
 def servo_with(servo: Servo, given: Mapping[str, Any]) -> Servo:

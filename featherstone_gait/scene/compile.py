@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, cast
@@ -103,8 +103,12 @@ class CompiledScene:
     servos = deprecated.attribute("servos", "gearbox")
 
     @deprecated.keywords(servos="gearbox")
-    def recompiled(self, model: Model | None = None, **changes: Any) -> CompiledScene:
+    def recompiled(
+        self, model: Model | None = None, places: Mapping[str, Mapping[str, Any]] | None = None, **changes: Any
+    ) -> CompiledScene:
         """Compile the scene with another model or other arguments of `compile_scene`, and the same pushes.
+
+        places: changes of `Placed` by the names of members.
 
         Raises ValueError if constants were replaced by hand: they are no arguments, and would be lost.
         """
@@ -115,19 +119,20 @@ class CompiledScene:
                 "compiled anew; compile with the integrator and step wanted and put them in again, without rtol and "
                 "estimate_error"
             )
-        scene = compile_scene(self._described(model), **(self.options._asdict() | changes))
+        scene = compile_scene(self._described(model, places or {}), **(self.options._asdict() | changes))
         check = scene.preflight
         if "integrator" not in changes:
             check = check._replace(reason=self.preflight.reason, named=self.preflight.named)
         constants = scene.constants._replace(push=self.constants.push)
         return replace(scene, preflight=check, obstacles=self.obstacles, constants=constants)
 
-    def _described(self, model: Model | None) -> Model | list[Placed]:
+    def _described(self, model: Model | None, places: Mapping[str, Mapping[str, Any]]) -> Model | list[Placed]:
         """Return what to compile anew, with the numbers of another model of the same parts."""
         if not self.members:
             return self.model if model is None else model
         models = [one.model for one in self.members] if model is None else members_of(self.members, model)
-        return [replace(one.placed, model=new) for one, new in zip(self.members, models)]
+        both = zip(self.members, models)
+        return [replace(one.placed, model=new, **places.get(one.name, {})) for one, new in both]
 
     @property
     def timestep(self) -> float:

@@ -85,8 +85,9 @@ def joined_model(members: Sequence[Member], name: str) -> Model:
         parts["shapes"] += [replace(one, link=named(member, one.link)) for one in model.shapes]
         servos |= {named(member, joint): servo for joint, servo in model.servos.items()}
         locked |= {named(member, joint): at for joint, at in model.locked.items()}
+    supply = next((one.model.supply for one in members if one.scene.constants.supply is not None), None)
     return Model(
-        name, tuple(links), tuple(joints), locked=locked, servos=servos,
+        name, tuple(links), tuple(joints), locked=locked, servos=servos, supply=supply,
         contacts=tuple(parts["contacts"]), shapes=tuple(parts["shapes"]),
     )  # fmt: skip
 
@@ -118,7 +119,8 @@ def members_of(members: Sequence[Member], model: Model) -> list[Model]:
             for one in own.joints
         ]
         servos = {name: model.servos[named(member, name)] for name in own.servos}
-        found.append(own.with_numbers(links=new_links, joints=new_joints, servos=servos))
+        supply = model.supply if member.scene.constants.supply is not None else None
+        found.append(own.with_numbers(links=new_links, joints=new_joints, servos=servos, supply=supply))
     return found
 
 

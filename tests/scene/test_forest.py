@@ -8,7 +8,7 @@ import pytest
 
 from featherstone_gait.analysis.equilibrium import trim
 from featherstone_gait.analysis.linearization import linearize
-from featherstone_gait.model import ContactPoint, Ground, Link, Model
+from featherstone_gait.model import ContactPoint, Ground, Link, Model, Supply
 from featherstone_gait.model.placed import Placed
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.reference import Reference
@@ -148,6 +148,26 @@ def test_worlds_vary_a_member_and_share_vectors():
         alone = simulate(one, 0.5, estimate_error=False)
         assert all(np.array_equal(alone[name], run[name]) for name in alone)
     assert [one.members[0].model.mass for one in worlds.scenes(scene)] == [0.5, 1.0, 2.0]
+
+
+@pytest.mark.long
+def test_worlds_place_members_elsewhere():
+    worlds = Worlds(places={"box.position": [[[1.0, 0.0]], [[2.0, -1.0]], [[3.0, 0.5]]]})
+    runs = simulate_batch(objects(), 0.1, worlds=worlds, estimate_error=False)
+    assert [run["box"]["base_q"][-1, :2].tolist() for run in runs] == [[1.0, 0.0], [2.0, -1.0], [3.0, 0.5]]
+    assert all(np.array_equal(run["ball"]["base_q"], runs[0]["ball"]["base_q"]) for run in runs)
+    with pytest.raises(ValueError, match="name one"):
+        simulate_batch(objects(), 0.1, worlds=Worlds(2, places={"position": 0.0}))
+
+
+@pytest.mark.long
+def test_worlds_vary_the_supply_of_a_member():
+    arm = replace(load_robot("arm7"), supply=Supply(11.1, 0.3))
+    scene = compile_scene([Placed(ball(), position=(2.0, 0.0)), Placed(arm)], "mipsd", Ground(), **STEPS)
+    worlds = Worlds(supply={"voltage": [9.0, 11.1]})
+    low, usual = simulate_batch(scene, 0.1, worlds=worlds, record=("bus_voltage",), estimate_error=False)
+    assert low["bus_voltage"][0, 0] == pytest.approx(9.0, abs=0.2)
+    assert usual["bus_voltage"][0, 0] == pytest.approx(11.1, abs=0.2)
 
 
 @pytest.mark.long
