@@ -234,6 +234,7 @@ SIMTWO = """
   <robot><ID name="one"/><pos x="1" y="0" z="0.5"/><rot_deg x="0" y="0" z="90"/><body file="arm.xml"/></robot>
   <robot><ID name="two"/><pos x="-1" y="0" z="0.5"/><body file="arm.xml"/></robot>
   <things file="things.xml"/>
+  <obstacle><ID name="shelf"/><pos x="0" y="5" z="0"/><rot_deg x="0" y="0" z="90"/><body file="boards.xml"/></obstacle>
   <obstacles>
     <cuboid><ID value="wall"/><size x="1" y="0.1" z="1"/><pos x="3" y="0" z="0.5"/></cuboid>
   </obstacles>
@@ -245,13 +246,22 @@ THINGS = """
   <sphere><ID value="ball"/><mass value="0.3"/><size radius="r"/><pos x="0" y="2" z="r"/></sphere>
 </things>
 """
+BOARDS = """
+<obstacles>
+  <cuboid><ID value="board"/><size x="1" y="0.2" z="0.02"/><pos x="0.5" y="0" z="0.3"/></cuboid>
+  <cuboid><ID value="board"/><size x="1" y="0.2" z="0.02"/><pos x="0.5" y="0" z="0.6"/></cuboid>
+</obstacles>
+"""
 
 
 def test_a_scene_of_simtwo_has_all_of_its_robots_things_and_obstacles(tmp_path):
     written(tmp_path, SIMTWO_ARM % "0", "arm.xml")
     written(tmp_path, THINGS, "things.xml")
+    written(tmp_path, BOARDS, "boards.xml")
     scene = quiet(written(tmp_path, SIMTWO))
-    assert [placed.name for placed in scene.all] == ["one", "two", "ball", "wall"]
+    assert [placed.name for placed in scene.all] == ["one", "two", "ball", "wall", "shelf_board", "shelf_board_2"]
+    assert scene.member("shelf_board").position == pytest.approx((0.0, 5.5, 0.3))
+    assert scene.member("shelf_board").orientation == pytest.approx((0.5**0.5, 0.0, 0.0, 0.5**0.5))
     assert scene.member("two").position == (-1.0, 0.0, 0.5)
     assert scene.member("one").orientation == pytest.approx((0.5**0.5, 0.0, 0.0, 0.5**0.5))
     assert scene.member("one").model.links == load_robot(tmp_path / "arm.xml").links
@@ -263,11 +273,14 @@ def test_a_scene_of_simtwo_has_all_of_its_robots_things_and_obstacles(tmp_path):
         load_robot(tmp_path / "scene.xml")
     attack(tmp_path, SIMTWO, "scene.xml", 30, seed=4)
     for wrong in ('value=""', 'value="wall"/><mass value="x"'):
-        with pytest.raises(ValueError, match=r"scene\.xml: line 7"):
+        with pytest.raises(ValueError, match=r"scene\.xml: line 8"):
             quiet(written(tmp_path, SIMTWO.replace('value="wall"', wrong)))
     (tmp_path / "things.xml").unlink()
+    with pytest.warns(RobotFileWarning, match=r"things\.xml"):
+        scene = load_scene(written(tmp_path, SIMTWO))
+    assert "ball" not in [placed.name for placed in scene.all]
     with pytest.raises(ValueError, match=r"things\.xml"):
-        quiet(written(tmp_path, SIMTWO))
+        load_scene(tmp_path / "scene.xml", strict=True)
 
 
 # ---------------------------------------------------------------------------------------------- saving

@@ -64,7 +64,7 @@ def read_simtwo(path: Path, root: Element, base: Base | None, report: Report, ro
         robot = _only_robot(root) if robot is None else robot
         name, file = name_of(robot), _file_of(path, robot)
         outer = Numbers(constants)
-        pose = outer.xyz(robot.find("pos"), "<pos>"), _angles(robot, outer, "<robot>")
+        pose = outer.xyz(robot.find("pos"), "<pos>"), angles_of(robot, outer, "<robot>")
         body, report.lines, _ = read_markup(file)
         constants = constants_of(robot, constants)
     numbers = Numbers(constants_of(body, constants))
@@ -117,7 +117,7 @@ def _all(root: Element, tag: str) -> list[Element]:
     return [child for part in root.iterfind(tag) for child in part]
 
 
-def _angles(element: Element, numbers: Numbers, what: str) -> Vector:
+def angles_of(element: Element, numbers: Numbers, what: str) -> Vector:
     """Return angles about x, y and z [rad]: the rotation is Rz Ry Rx."""
     x, y, z = map(math.radians, numbers.xyz(element.find("rot_deg"), f"{what} <rot_deg>"))
     return x, y, z
@@ -145,13 +145,13 @@ def _solids(body: Element, numbers: Numbers, report: Report) -> list[Solid]:
     return solids
 
 
-def solid_of(element: Element, numbers: Numbers) -> Solid:
-    """Read a solid; raise ValueError for a wrong one."""
-    name, stated = attribute(element, "ID", "value", ""), element.find("mass")
+def solid_of(element: Element, numbers: Numbers, unnamed: str = "") -> Solid:
+    """Read a solid; raise ValueError for a wrong one.  unnamed: name of one without an ID."""
+    name, stated = attribute(element, "ID", "value", unnamed), element.find("mass")
     what = f"solid {name!r}"
     mass = numbers.one(stated, "value", 1.0, f"{what} <mass>")
     geometry, (A, B, C) = SHAPES[element.tag](element, numbers, what)
-    rpy = _angles(element, numbers, what)
+    rpy = angles_of(element, numbers, what)
     inertia: tuple[float, ...] = (mass * A, 0.0, 0.0, mass * B, 0.0, mass * C)
     if stated is not None and "I11" in stated.attrib:
         names = ("I11", "I12", "I13", "I22", "I23", "I33")

@@ -2,54 +2,102 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
+import numpy as np
+
+from ...base.rotation import rotation_from_rpy
 from ...model import Model
+from ...model.links import Vector
 from ...model.placed import SEPARATOR, Placed
 from ...model.shapes import Shape
 from ..markup import Markup, read_markup
 from ..report import Report, blamed_on
 from .expression import Numbers, constants_of
-from .read import SHAPES, attribute, solid_of
+from .read import SHAPES, angles_of, attribute, quaternion_from_rpy, solid_of
 
 LINK = "body"  # the one link of a thing
+
+
+class Section(NamedTuple):
+    """Solids that a scene places together."""
+
+    element: Element  # in the scene
+    file: str | None  # that has the solids; None: the scene itself
+    name: str  # before those of the solids
+    position: Vector  # [m]
+    rpy: Vector  # [rad]
 
 
 def read_solids(path: Path, markup: Markup, kind: str, strict: bool) -> tuple[list[Placed], tuple[str, ...]]:
     """Read the solids of a kind, in the scene or in the files that it names, and what is ignored.
 
-    kind: "things", which move freely, or "obstacles", which do not.  Raises RobotFileError for all
-    that is wrong with a file.
+    kind: "things", which move freely, or "obstacles", which do not.  A file that does not exist is left out, with a
+    warning.  Raises RobotFileError for all that is wrong with a file.
     """
     found: list[Placed] = []
     notes: list[str] = []
-    root = markup.root
-    for section in root.iterfind(kind):
-        file, body, lines = path, section, markup.lines
-        if "file" in section.attrib:
-            file = path.parent / section.attrib["file"]
+    outer, scene = constants_of(markup.root, {}), Report(markup.lines, strict)
+    for section in _sections(markup.root, kind, Numbers(outer), scene):
+        file, body, lines = path, section.element, markup.lines
+        if section.file is not None:
+            file = path.parent / section.file
+            if not file.is_file():
+                scene.doubt(f"there is no file {section.file}: its {kind} are left out")
+                continue
             with blamed_on(file):
                 body, lines, _ = read_markup(file)
         report = Report(lines, strict)
-        numbers = Numbers(constants_of(body, constants_of(root, {})))
+        numbers = Numbers(constants_of(body, outer))
         for element in body.iter():
             if element.tag in SHAPES:
                 with report.blaming(element):
-                    found.append(_placed(element, numbers, kind, f"{element.tag}{len(found)}"))
+                    found.append(_placed(element, numbers, kind, section, f"{element.tag}{len(found)}"))
         report.raise_problems(file)
         notes += report.notes()
-    return found, tuple(notes)
+    scene.raise_problems(path)
+    scene.warn(path, stacklevel=5)
+    return _with_own_names(found), (*scene.notes(), *notes)
 
 
-def _placed(element: Element, numbers: Numbers, kind: str, name: str) -> Placed:
-    """Make a model of one solid, whose frame is parallel to the world's."""
-    solid = solid_of(element, numbers)
-    name = (attribute(element, "ID", "value", "") or name).replace(SEPARATOR, "_")
+def _sections(root: Element, kind: str, numbers: Numbers, report: Report) -> Iterator[Section]:
+    """Yield what has solids: <things> or <obstacles>, and each <obstacle> with its place."""
+    zero = (0.0, 0.0, 0.0)
+    for element in root.iterfind(kind):
+        yield Section(element, element.get("file"), "", zero, zero)
+    for element in root.iterfind("obstacle") if kind == "obstacles" else ():
+        name = attribute(element, "ID", "name", "obstacle")
+        with report.blaming(element):
+            position = numbers.xyz(element.find("pos"), f"obstacle {name!r} <pos>")
+            rpy, body = angles_of(element, numbers, f"obstacle {name!r}"), element.find("body")
+            yield Section(element, None if body is None else body.get("file"), f"{name}_", position, rpy)
+
+
+def _placed(element: Element, numbers: Numbers, kind: str, section: Section, name: str) -> Placed:
+    """Make a model of one solid, whose frame is parallel to that of its section."""
+    solid = solid_of(element, numbers, name)
+    name = (section.name + solid.link.name).replace(SEPARATOR, "_")
     link = replace(solid.link, name=LINK)
     model = Model(
         name, (link,), (), "floating" if kind == "things" else "fixed",
         shapes=(Shape(link.name, solid.geometry, rpy=solid.rpy),),
     )  # fmt: skip
-    return Placed(model, name, solid.position)
+    position = np.array(section.position) + rotation_from_rpy(section.rpy) @ np.array(solid.position)
+    return Placed(model, name, tuple(position.tolist()), quaternion_from_rpy(section.rpy))
+
+
+def _with_own_names(found: list[Placed]) -> list[Placed]:
+    """Add a number to names that others before have."""
+    names: set[str] = set()
+    for k, placed in enumerate(found):
+        name, count = placed.name, 2
+        while name in names:
+            name, count = f"{placed.name}_{count}", count + 1
+        names.add(name)
+        if name != placed.name:
+            found[k] = replace(placed, name=name)
+    return found
