@@ -94,6 +94,7 @@ def _resolve(app, page, source):
     """Fill in tables, lists and help texts; turn links out of this folder, as in the repository, into the site's."""
     up = "../" * page.count("/")
     text = re.sub(r"\]\((?:\.\./)+notebooks/", f"]({up}notebooks/", source[0])
+    text = re.sub(r"\]\((?:\.\./)+docs/", f"]({up}", text)  # of a notebook
     text = re.sub(r"\]\((?:\.\./)+CONTRIBUTING\.md", f"]({up}contributing.md", text)
     if page == "index":
         listed = set(re.findall(r"^([\w/]+)$|<([\w/]+)>$", text, re.MULTILINE))
