@@ -439,8 +439,9 @@ function drawPanel({ runs, canvas, now }) {
   }
   const failed = runs.filter(run => ended(run, t));
   if (failed.length) stamp(g, failed.map(run => (runs.length > 1 ? run.caption + ": " : "") + statusText(run)).join("; "), w, ratio);
-  if (shown.load && main.load) legend(g, w, h, ratio, main.load.of);
-  text(now, readout(main, at[0], t));
+  const loaded = runs.find(run => run.load);
+  if (shown.load && loaded) legend(g, w, h, ratio, loaded.load.of);
+  text(now, (data.together ? main.caption + ": " : "") + readout(main, at[0], t));
 }
 
 function loads(run, model, t) {
@@ -547,7 +548,7 @@ function layer(plot) {  // all that does not move
   data.runs.forEach((run, r) => {
     const c = run.channels[plot.name];
     if (c) c.labels.forEach((label, k) => {
-      if (plot.column < 0 || plot.column === k) lines.push({ run, r, c, k, label: plot.column < 0 || alone ? label : run.caption.split(":")[0],
+      if (plot.column < 0 || plot.column === k) lines.push({ run, r, c, k, label: data.together ? run.caption + "/" + label : plot.column < 0 || alone ? label : run.caption.split(":")[0],
         color: lineColor(c, plot.column < 0 ? k : r, plot.column >= 0), range: 0 });
     });
   });
@@ -776,7 +777,7 @@ function steer(canvas) {
   canvas.onwheel = event => { event.preventDefault(); zoom(Math.exp(0.001 * event.deltaY)); };
 }
 
-const TOGGLES = [["follow", "C", "follow", data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces)],
+const TOGGLES = [["follow", "C", "follow", !data.together && data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces)],
   ["prints", "P", "footprints", data.runs.some(r => r.points)], ["load", "L", "servo load", data.runs.some(r => r.load)],
   ["ghosts", "G", "ghosts", data.runs.length > 1 && !data.together]].filter(toggle => toggle[3]);
 const buttons = {};

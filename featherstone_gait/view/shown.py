@@ -70,10 +70,13 @@ def show(
     Raises
     ------
     ValueError
-        Robot and run do not fit, channels are missing, or captions are not one for each run.
+        Robot and run do not fit, channels are missing, captions are not one for each run, or a scene of several robots
+        comes with captions, ghosts or others.
     """
     together = isinstance(robot, CompiledScene) and bool(robot.members)
     runs = [trajectory, *others]
+    if together and (captions or truth("ghosts", ghosts)):
+        raise ValueError("captions, ghosts: members of a scene are drawn under their names; leave out both")
     seen = _company(runs, robot, plots) if together else _seen(runs, robot, captions, plots)
     page = Page(page_html(*seen, truth("ghosts", ghosts), together))
     if path is not None:
@@ -194,6 +197,12 @@ def robot_of(trajectory: Trajectory, robot: Robot = None) -> tuple[Model, Ground
         check_one(robot, "this picture")
         model, ground = robot.model, robot.ground
     else:
+        if "members" in trajectory.info:
+            names = list(trajectory.info["members"])
+            raise ValueError(
+                f"the run is of several robots and objects, {', '.join(names)}; give the scene that made it, "
+                f"show(run, scene), or the run of one of them, run[{names[0]!r}]"
+            )
         model = robot if isinstance(robot, Model) else _loaded(trajectory.info, robot, "base_q" in trajectory)
         ground = _ground(trajectory.info, model)
     joints = trajectory.info.get("joints")

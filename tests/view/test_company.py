@@ -47,5 +47,11 @@ def test_pictures_of_one_robot_name_the_member_to_take(tmp_path):
     run = simulate(scene, 0.1, record=("q", "base_q"), estimate_error=False)
     with pytest.raises(ValueError, match="one by one"):
         show(run, scene, run)
+    for wrong in (dict(captions=["all"]), dict(ghosts=True)):
+        with pytest.raises(ValueError, match="captions, ghosts"):
+            show(run, scene, **wrong)
+    for robot in (None, load_robot("arm7")):
+        with pytest.raises(ValueError, match="scene"):
+            show(run, robot)
     show(run, scene, path=tmp_path / "four.html")
     assert '"together":true' in (tmp_path / "four.html").read_text("utf-8")
