@@ -24,9 +24,8 @@ from ..core.effects.rigid_servo import RigidServo
 from ..core.effects.supply import move_source
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator, Sizes, scratch, take_step
-from ..core.step.advance import advance
+from ..core.step.advance import step_trees
 from ..core.step.context import NEWTON_TOLERANCE, Scratch, Step
-from ..core.step.newton import solve_step
 
 add_sources(__name__, __file__)
 
@@ -56,8 +55,7 @@ def simtwo_step(work: Any, run: Any, y: np.ndarray, t: float, theta: float) -> N
         t=t, span=h, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
         tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, part=None,
     )  # fmt: skip
-    solve_step(bare)
-    advance(bare)
+    step_trees(bare)
 
 
 @inline
