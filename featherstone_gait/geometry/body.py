@@ -77,7 +77,7 @@ def body(
             "directions, or state inertia="
         )
     for field, value, size in (("inertia", inertia, 6), ("center_of_mass", center_of_mass, 3)):
-        check(() if value is None else vector_flaws(f"body {name!r}", field, tuple(value), size))
+        check(() if value is None else vector_flaws(f"body {name!r}", field, value, size))  # type: ignore[arg-type]
     link = Link(
         LINK,
         mass,

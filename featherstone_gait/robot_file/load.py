@@ -90,6 +90,8 @@ def load_robot(
         For MJCF without MuJoCo.
     """
     _check_arguments(name_or_path, strict, repair_inertia, package_dirs)
+    if base is not None:
+        instance("base", base, str, "give 'fixed' or 'floating', or None")
     path = robot_path(name_or_path)
     with blamed_on(path):
         markup = read_markup(path)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base import deprecated
-from ..base.arguments import instance, truth, vector
+from ..base.arguments import instance, shown, truth, vector
 from ..base.fixed_order import total
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
@@ -106,7 +106,9 @@ def _of_members(scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bo
         given[what] = {} if values is None else values
         instance(what, given[what], Mapping, remedy)
         for name in given[what]:
-            scene.member(name)
+            if name not in [member.name for member in scene.members]:
+                known = ", ".join(member.name for member in scene.members)
+                raise ValueError(f"{what}: there is no robot or object {shown(name)}; there are {known}")
     for k, member in enumerate(scene.members):
         own = given["q"].get(member.name)
         own = placed_position(member) if own is None else own

@@ -441,8 +441,8 @@ def _members(models: Any, options: SceneOptions) -> list[Member]:
             f"model: {repeated[0]!r} is the name of several robots or objects; give each its own, as "
             "Placed(model, name='left')"
         )
-    if options.springs:
-        raise ValueError("springs: they join links of one robot, and this scene has several; leave them out")
+    if listed("springs", options.springs, "give a list of Spring"):
+        raise ValueError("springs: they join links of one model, and this scene has several; leave them out")
     return [Member(one, _compile(one.model, _own(one, options))) for one in placed]
 
 
