@@ -14,10 +14,11 @@ import numpy as np
 
 from ..geometry.contact_choice import with_contacts
 from ..model import Ground, Joint, Link, Model, Supply
+from ..model.placed import Placed
 from ..robot_file import load_robot, load_servo
 from ..robot_file.servos import with_servo
 from ..run.reference import Reference
-from ..run.simulate import simulate, standing_state
+from ..run.simulate import initial_state, simulate, standing_state
 from ..scene.actuator import GearboxKind
 from ..scene.compile import CompiledScene, compile_scene
 from ..scene.tree import GRAVITY, followed
@@ -42,7 +43,7 @@ def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: lis
     """Yield all scenes; full: those of all robots and the long ones too; skipped: takes what is left out, and why."""
     places, skipped = folders() if robots is None else robots, [] if skipped is None else skipped
     yield from chain(servo_cases(), step_cases(), friction_cases(), firmware_cases(), free_cases())
-    yield from chain(humanoid_cases(full), known_cases(), long_cases() if full else ())
+    yield from chain(humanoid_cases(full), company_cases(), known_cases(), long_cases() if full else ())
     yield from robot_cases(full, places, skipped)
 
 
@@ -234,6 +235,18 @@ def humanoid_cases(full: bool) -> Iterator[Case]:
     if full:
         scene = compile_scene(cost.scene.model, "mipsd", Ground())
         yield Case("humanoid, walking 4 s", "humanoid", scene, 4.0, standing_state(scene, still.values[0]), signal)
+
+
+def company_cases() -> Iterator[Case]:
+    """Yield scenes of several: a robot that stands beside a ball that falls, and an arm beside one that rolls."""
+    robot, arm = (load_robot(name) for name in ("humanoid", "arm7"))
+    falling, rolling = (Placed(ball(), "ball", place) for place in ((3.0, 0.0, 0.15), (3.0, 0.0)))
+    scene = compile_scene([Placed(robot, "robot"), falling], "mipsd", Ground(damping_ratio=0.1), **NO_FALL)
+    still = Reference([0.0], np.zeros((1, scene.tree.n)))
+    yield Case("a robot stands beside a ball that falls", "company", scene, 0.5, initial_state(scene), still)
+    scene = compile_scene([Placed(arm, "arm"), rolling], "mipsd", Ground(slope=0.1), **NO_FALL)
+    raised = Reference([0.0], np.full((1, 7), 0.3))
+    yield Case("an arm raises itself beside a ball that rolls", "company", scene, 1.0, initial_state(scene), raised)
 
 
 def long_cases() -> Iterator[Case]:

@@ -54,6 +54,11 @@ scene = compile_scene(robot, gearbox="mipsd", ground=Ground(), integrator="midpo
 walk = read_walk(Path(scene.model.source).parent / "balanced_gait.npz")
 simulate(scene, 0.1, reference=walk.reference(1), controller=walk.controller(scene))
 """
+COMPANY = """
+from featherstone_gait import Placed, Sphere, body
+robot = load_robot("humanoid")
+simulate(compile_scene([Placed(robot), {}], gearbox="mipsd", ground=Ground()), 0.1)
+"""
 MAXIMAL = "from featherstone_gait.reproduction import maximal\n"
 SIMTWO = MAXIMAL + HUMANOID.format(', integrator="simtwo", timestep=1e-3')
 ABA = """
@@ -71,6 +76,8 @@ KINDS = {  # first results
     "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), gearbox="rotor"), 0.1)',
     "the same with firmware and supply": FED + 'simulate(compile_scene(fed, gearbox="rotor"), 0.1)',
     "humanoid on the ground": BY_DEFAULT + "simulate(scene, 0.1)",
+    "two of them": COMPANY.format("Placed(robot, 'other', (3.0, 0.0))"),
+    "one and a ball": COMPANY.format("Placed(body(Sphere(0.1), 1.0), position=(3.0, 0.0))"),
     "the same in lanes": MIDPOINT + "simulate_batch(scene, 0.1, states=[None] * 8)",
     "the same, midpoint": MIDPOINT + "simulate(scene, 0.1)",
     "the same, rtol 1e-9": BY_DEFAULT + "simulate(scene, 0.01, rtol=1e-9)",

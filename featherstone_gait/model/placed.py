@@ -1,4 +1,4 @@
-"""What is in a scene before it is compiled: models at their places, obstacles, ground and gravity."""
+"""Describe a scene: robots and objects at their places, obstacles, ground and gravity."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class SceneModel:
-    """What is in a scene, before it is compiled.
+    """The description of a scene, which `compile_scene` compiles.
 
     Attributes
     ----------

@@ -99,7 +99,7 @@ def initial_state(
 
 
 def _of_members(scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bool) -> np.ndarray:
-    """Return the state of all members, each where it is told or placed."""
+    """Return the state of all members, each at the positions that are given for it, or else at its place."""
     y, given = np.zeros(scene.layout["length"]), {"q": q, "qd": qd}
     for what, values in given.items():
         remedy = f"give a dictionary by name, {what}={{{scene.members[0].name!r}: ...}}"

@@ -284,7 +284,7 @@ def _parts(scene: CompiledScene, section: str) -> dict[str, Any]:
     if section == "servos":
         return {name: model.servos[name] for name in model.joint_names if scene.gearbox and name in model.servos}
     if section == "links":
-        return {link.name: link for link in model.links}
+        return {link.name: link for link in (model.links[1:] if scene.members else model.links)}  # not the world
     return {joint.name: joint for joint in model.joints if joint.type != "fixed"}
 
 

@@ -13,7 +13,7 @@ VARIES = "varies"  # tag of a cell that prints times, or the machine
 
 
 def printed(notebook):
-    """What each code cell prints, and its tables, but of those that vary."""
+    """Return the text and the tables that each code cell prints, except of cells marked as varying."""
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     kept = [cell for cell in cells if VARIES not in cell.metadata.get("tags", ())]
     return ["".join(map(text, cell.outputs)) for cell in kept]

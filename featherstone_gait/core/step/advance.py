@@ -30,7 +30,7 @@ def step_trees(step):
 
 @inline
 def solve_trees(trees, step):
-    """Do what `solve_step` does for each tree; trees (trees,) TREE, None for one."""
+    """Solve the step of each tree; trees (trees,) TREE, None for the only one."""
     if trees is None:
         solve_step(step)
     else:
@@ -40,7 +40,7 @@ def solve_trees(trees, step):
 
 @inline
 def advance_trees(trees, step):
-    """Do what `advance` does for each tree."""
+    """Move the state of each tree over its solved step."""
     if trees is None:
         advance(step)
     else:

@@ -39,7 +39,7 @@ def _derivatives(trees, step, dy):
 
 @inline
 def _derivative(step, dy):
-    """Do so for the numbers of one tree."""
+    """Fill the rates of one tree, and what is derived there."""
     scene, part, y, offsets = step.scene, step.part, step.y, step.offsets
     n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
