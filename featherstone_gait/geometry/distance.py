@@ -88,7 +88,7 @@ def clearance(model: Model, q: ArrayLike, pairs: np.ndarray | None = None) -> Cl
             f"{model.name}: no two shapes that could meet, of {len(model.shapes)}; give links that are not neighbors "
             "collision shapes"
         )
-    shapes, poses = _laid(model), _rows(forward_kinematics(model, q))
+    shapes, poses = shape_table(model), _rows(forward_kinematics(model, q))
     distance, closest = np.empty(len(poses.position)), np.zeros(len(poses.position), np.int64)
     least_distances(shapes, _room(shapes), pairs, *poses, distance, closest)
     found = Clearance(distance, pairs[closest])
@@ -121,7 +121,7 @@ def meeting_shapes(model: Model) -> Meeting:
 
 def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Compute the signed distance (pairs,) [m] of pairs (pairs, 2) of shapes in one posture q (nq,) [rad, m]."""
-    shapes, poses, out = _laid(model), _rows(forward_kinematics(model, q)), np.zeros(len(pairs))
+    shapes, poses, out = shape_table(model), _rows(forward_kinematics(model, q)), np.zeros(len(pairs))
     rotation, position = poses.rotation[0], poses.position[0]
     pair_distances(shapes, _room(shapes), np.array(pairs, np.int64).reshape(-1, 2), rotation, position, out)
     return out
@@ -148,7 +148,7 @@ def _room(shapes: Shapes) -> Room:
 
 
 @functools.lru_cache(maxsize=64)
-def _laid(model: Model) -> Shapes:
+def shape_table(model: Model) -> Shapes:
     """Lay the shapes of a robot out for the kernels."""
     table = records(len(model.shapes), SHAPE)
     corners, normals, edges = ([np.zeros((0, 3))] for _ in range(3))
