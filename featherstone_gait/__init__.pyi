@@ -44,6 +44,7 @@ from .model import Servo as Servo
 from .model import Spring as Spring
 from .model import Supply as Supply
 from .model import stairs as stairs
+from .model.pair_contact import PairContact as PairContact
 from .model.placed import Placed as Placed
 from .model.placed import SceneModel as SceneModel
 from .model.rest_posture import nearest_posture as nearest_posture

@@ -13,6 +13,7 @@ from ..base.flaws import quoted
 from .checks import check, freeze, name_flaws, vector_flaws
 from .ground import Ground
 from .links import Vector
+from .pair_contact import GROUND, NONE, PAIR_REMEDY, PairContact, name_pairs, pair_contact
 from .robot import Model
 
 SEPARATOR = "/"  # between the names of a model and of its link or joint
@@ -107,11 +108,14 @@ class SceneModel:
     gravity : tuple of float or None
         Gravity (3,) in world axes [m/s^2]; None: the default of `compile_scene`.
     excluded : tuple of (str, str)
-        Pairs of links, "name/link", that do not touch each other.
+        Pairs of links, "name/link", that do not touch each other; one of both may be "ground".
     notes : tuple of str
         What the reader of the file skipped or assumed, one sentence each; notes on a member are in its model.
     source : str
         File from which the scene was read.
+    pairs : str, tuple of (str, str), or PairContact
+        Bodies that touch each other, unless `compile_scene` is told otherwise: "none", "all", pairs of names, or a
+        `PairContact` with the numbers of the contact.
 
     Raises
     ------
@@ -129,6 +133,7 @@ class SceneModel:
     excluded: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
     source: str = ""
+    pairs: str | tuple[tuple[str, str], ...] | PairContact = NONE
 
     def __repr__(self) -> str:
         named = [f"{len(self.members)} members ({quoted(m.name for m in self.members)})"] if self.members else []
@@ -161,20 +166,16 @@ class SceneModel:
                 yield f"scene: {count} models are named {name!r}; names are unique: give Placed(..., name=...)"
 
     def _check_excluded(self) -> None:
+        links = {link_name(placed.name, link.name) for placed in self.all for link in placed.model.links}
         remedy = 'give pairs such as ("name/link", "name/link")'
-        known = {link_name(placed.name, link.name) for placed in self.all for link in placed.model.links}
-        pairs = []
-        for pair in listed("scene: excluded", self.excluded, remedy):
-            one, two, *more = [*texts("scene: excluded", pair, remedy), "", ""]
-            if more != ["", ""]:
-                raise ValueError(f"scene: excluded has {shown(pair)}; expected two links: {remedy}")
-            if unknown := [link for link in (one, two) if link not in known]:
-                raise ValueError(
-                    f"scene: excluded names {unknown[0]!r}, which is no link of the scene; expected one of "
-                    f"{quoted(sorted(known))}: correct it"
-                )
-            pairs.append((one, two))
-        object.__setattr__(self, "excluded", tuple(pairs))
+        pairs = name_pairs("scene: excluded", self.excluded, remedy)
+        _check_names("excluded", pairs, {*links, GROUND})
+        object.__setattr__(self, "excluded", pairs)
+        if not isinstance(self.pairs, (str, PairContact)):
+            object.__setattr__(self, "pairs", name_pairs("scene: pairs", self.pairs, PAIR_REMEDY))
+        wanted = pair_contact(self.pairs)
+        if wanted is not None and not isinstance(wanted.select, str):
+            _check_names("pairs", wanted.select, {*links, *(placed.name for placed in self.all), GROUND})
 
     @property
     def all(self) -> tuple[Placed, ...]:
@@ -206,6 +207,16 @@ class SceneModel:
                 f"{quoted(placed.name for placed in self.all)}: use one of these"
             )
         return found
+
+
+def _check_names(field: str, pairs: Iterable[tuple[str, str]], known: set[str]) -> None:
+    """Raise ValueError for a name that is not of the scene."""
+    for name in (name for pair in pairs for name in pair):
+        if name not in known:
+            raise ValueError(
+                f"scene: {field} names {name!r}, which is not in the scene; expected one of {quoted(sorted(known))}: "
+                "correct it"
+            )
 
 
 def link_name(placed: str, link: str) -> str:

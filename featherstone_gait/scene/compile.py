@@ -21,6 +21,7 @@ from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
 from ..model import Controller, Ground, Model, Spring
+from ..model.pair_contact import PairContact, pair_contact
 from ..model.placed import Placed, SceneModel
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import ByChannel, StateView
@@ -31,6 +32,7 @@ from .forest import Member, joined_constants, joined_model, joined_preflight, jo
 from .friction import Friction, build_friction, sticks
 from .joint_spring import build_joint_springs, fold_joint_springs
 from .options import SceneOptions, check_options
+from .pairs import NOTHING, Touching, build_pairs
 from .preflight import STIFF, Preflight, preflight
 from .stop import build_stops
 from .tree import GRAVITY, Tree, compile_tree
@@ -53,7 +55,11 @@ class CompiledScene:
     members : tuple of Member
         The robots and objects of a scene of several.
     obstacles : tuple of Placed
-        Shapes that never move; nothing touches them yet.
+        Shapes that never move.
+    excluded : tuple of (str, str)
+        Links that do not touch each other.
+    touching : Touching
+        Which bodies may touch each other, and what is left out.
     constants : Scene
         What the kernels read.
     options : SceneOptions
@@ -91,6 +97,8 @@ class CompiledScene:
     compiled: Scene  # the constants as compiled, to tell which were put in by hand
     members: tuple[Member, ...] = ()
     obstacles: tuple[Placed, ...] = ()
+    excluded: tuple[tuple[str, str], ...] = ()
+    touching: Touching = NOTHING
 
     def __repr__(self) -> str:
         kind = f"{len(self.members)} members" if self.members else f"{self.model.base} base"
@@ -124,15 +132,16 @@ class CompiledScene:
         if "integrator" not in changes:
             check = check._replace(reason=self.preflight.reason, named=self.preflight.named)
         constants = scene.constants._replace(push=self.constants.push)
-        return replace(scene, preflight=check, obstacles=self.obstacles, constants=constants)
+        return replace(scene, preflight=check, constants=constants)
 
-    def _described(self, model: Model | None, places: Mapping[str, Mapping[str, Any]]) -> Model | list[Placed]:
+    def _described(self, model: Model | None, places: Mapping[str, Mapping[str, Any]]) -> Model | SceneModel:
         """Return what to compile anew, with the numbers of another model of the same parts."""
         if not self.members:
             return self.model if model is None else model
         models = [one.model for one in self.members] if model is None else members_of(self.members, model)
         both = zip(self.members, models)
-        return [replace(one.placed, model=new, **places.get(one.name, {})) for one, new in both]
+        placed = [replace(one.placed, model=new, **places.get(one.name, {})) for one, new in both]
+        return SceneModel(self.model.name, tuple(placed), self.obstacles, excluded=self.excluded)
 
     @property
     def timestep(self) -> float:
@@ -153,6 +162,11 @@ class CompiledScene:
     def springs(self) -> tuple[Spring, ...]:
         """Springs between links."""
         return tuple(self.options.springs)
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Links that may touch each other, once for each two of their shapes; the first of both can move."""
+        return self.touching.names
 
     @property
     def by_hand(self) -> list[str]:
@@ -283,6 +297,7 @@ def compile_scene(
     fall_height: float = 0.6,
     fall_tilt: float = math.radians(45),
     springs: Sequence[Spring] = (),
+    pairs: str | Sequence[tuple[str, str]] | PairContact | None = None,
 ) -> CompiledScene:
     """Compile models, their servos and the ground into a scene.
 
@@ -312,6 +327,10 @@ def compile_scene(
         It has also fallen when its root is tilted by more than this angle [rad]; pi: never.
     springs : sequence of Spring, optional
         Springs between points of two links.  All integrators treat them explicitly: use "dop853" for stiff ones.
+    pairs : str, sequence of (str, str), or PairContact, optional
+        Bodies that touch each other: "none", "all", pairs of names ("name/link", or "name" for all links of a member or
+        obstacle), or a `PairContact` with numbers.  None: what a `SceneModel` says, else "none".  With pairs a single
+        model is a scene of one member, whose links and joints are called "name/link" and "name/joint".
 
     Returns
     -------
@@ -321,20 +340,24 @@ def compile_scene(
     Raises
     ------
     ValueError
-        For servos that the model does not have, steps that do not fit, and ground without gravity.
+        For servos that the model does not have, steps that do not fit, ground without gravity, and pairs of names that
+        are not in the scene or cannot touch.
 
     Notes
     -----
     The standing height is that of the keyframe "stand", "standing" or "home", else of the zero posture.  There the
     root's z axis is upright, or the one axis of the root along which all contacts are below the center of mass.
     """
-    options = SceneOptions(gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs)
+    given = model.pairs if pairs is None and isinstance(model, SceneModel) else pairs
+    options = SceneOptions(
+        gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs, pair_contact(given)
+    )
     if isinstance(model, Model):
-        return _compile(model, options)
+        return _compile(model, options) if options.pairs is None else _compile_members([model], options)
     if isinstance(model, SceneModel):
         own = GRAVITY if model.gravity is None else model.gravity
         options = options._replace(ground=ground or model.ground, gravity=own if gravity is GRAVITY else gravity)
-        return replace(_compile_members(model.members, options), obstacles=model.obstacles)
+        return _compile_members(model.members, options, model.obstacles, model.excluded)
     return _compile_members(model, options)
 
 
@@ -389,8 +412,14 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     )
 
 
-def _compile_members(models: Any, options: SceneOptions) -> CompiledScene:
+def _compile_members(
+    models: Any,
+    options: SceneOptions,
+    obstacles: tuple[Placed, ...] = (),
+    excluded: tuple[tuple[str, str], ...] = (),
+) -> CompiledScene:
     """Compile several models: each alone, then all tables one after the other."""
+    given, options = options, _implicit(options)
     members = _members(models, options)
     checks = [member.scene.preflight for member in members]
     first = next((one for one in checks if INTEGRATORS[one.integrator].name == "ars343"), checks[0])
@@ -400,9 +429,10 @@ def _compile_members(models: Any, options: SceneOptions) -> CompiledScene:
         members = [Member(one.placed, _compile(one.model, _own(one.placed, chosen))) for one in members]
     decisive = next((one.scene for one in members if one.scene.sampled), members[0].scene)
     _check_ticks(members)
-    tree = joined_tree(members)
+    options = options._replace(gravity=members[0].scene.options.gravity)
+    touching, tree = build_pairs(members, obstacles, excluded, joined_tree(members), options)
     constants = joined_constants(members, tree)
-    check = joined_preflight(members, first._replace(timestep=step, named=options.integrator is not None))
+    check = joined_preflight(members, first._replace(timestep=step, named=given.integrator is not None))
     gearboxes = [member.scene.gearbox for member in members if member.scene.gearbox is not None]
     scenes = [member.scene for member in members]
     return CompiledScene(
@@ -412,8 +442,7 @@ def _compile_members(models: Any, options: SceneOptions) -> CompiledScene:
         places=_places(tree, constants),
         method=decisive.method,
         options=options._replace(
-            gearbox=gearboxes[0] if gearboxes else None, gravity=scenes[0].options.gravity,
-            integrator=decisive.method.name, timestep=step,
+            gearbox=gearboxes[0] if gearboxes else None, integrator=decisive.method.name, timestep=step
         ),
         tick_steps=decisive.tick_steps,
         lag=decisive.lag,
@@ -421,10 +450,19 @@ def _compile_members(models: Any, options: SceneOptions) -> CompiledScene:
         fall_height=-math.inf,
         fall_upright=-2.0,
         upright=(0.0, 0.0, 1.0),
-        stiff=any(scene.stiff for scene in scenes),
+        stiff=any(scene.stiff for scene in scenes) or touching.table is not None,
         compiled=constants,
         members=tuple(members),
+        obstacles=obstacles,
+        excluded=excluded,
+        touching=touching,
     )  # fmt: skip
+
+
+def _implicit(options: SceneOptions) -> SceneOptions:
+    """Return the options of a scene whose bodies touch each other, which is stiff, with the integrator that is."""
+    chosen = options.pairs is not None and options.integrator is None
+    return options._replace(integrator="ars343") if chosen else options
 
 
 def _members(models: Any, options: SceneOptions) -> list[Member]:
@@ -442,7 +480,7 @@ def _members(models: Any, options: SceneOptions) -> list[Member]:
             "Placed(model, name='left')"
         )
     if listed("springs", options.springs, "give a list of Spring"):
-        raise ValueError("springs: they join links of one model, and this scene has several; leave them out")
+        raise ValueError("springs: they join links of one model, and this scene has several, or pairs; leave them out")
     return [Member(one, _compile(one.model, _own(one, options))) for one in placed]
 
 
@@ -452,9 +490,8 @@ def _own(placed: Placed, options: SceneOptions) -> SceneOptions:
     gearbox = options.gearbox if placed.gearbox == "scene" else cast(Any, placed.gearbox)
     if placed.gearbox == "scene" and not any(name in model.servos for name in model.joint_names):
         gearbox = None
-    return options._replace(
-        gearbox=gearbox, ground=options.ground if placed.ground_contact and model.contacts else None
-    )
+    ground = options.ground if placed.ground_contact and model.contacts else None
+    return options._replace(gearbox=gearbox, ground=ground, pairs=None)
 
 
 def _check_ticks(members: Sequence[Member]) -> None:

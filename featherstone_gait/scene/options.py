@@ -11,6 +11,7 @@ import numpy as np
 from ..base.arguments import instance, listed, real, vector
 from ..base.rotation import dot
 from ..model import Ground, Model, Spring
+from ..model.pair_contact import PairContact
 from ..model.tree_checks import check_springs
 from .gearbox_kinds import GearboxKind
 from .tree import GRAVITY
@@ -29,6 +30,7 @@ class SceneOptions(NamedTuple):
     fall_height: float  # share of the standing height
     fall_tilt: float  # [rad]
     springs: Sequence[Spring]
+    pairs: PairContact | None = None
 
     @property
     def g(self) -> float:

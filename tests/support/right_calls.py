@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -129,6 +129,7 @@ def _parts() -> Iterator[Call]:
         fg.Hull(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
         fg.Shape("a", fg.Sphere(1.0)),
         fg.Placed(box(), "lid box", (0.0, 1.0)),
+        fg.PairContact((("lid box", "ground"),), load=1.0, max_points=8),
         company(),
         fg.Distribution("normal", 0.1),
         fg.Worlds(3, servos={"Kp": fg.Distribution("uniform", 0.1)}, gravity=(0.0, 0.0, -9.81)),
@@ -204,6 +205,8 @@ def _scenes() -> Iterator[Call]:
     several = [fg.Placed(cube, position=(0.0, 0.0, 1.0)), fg.Placed(company().members[1].model, position=(0.0, 2.0))]
     both = fg.compile_scene(several, None, fg.Ground(), "implicit_euler", 1e-3)
     yield Call("compile_scene", fg.compile_scene, {"model": several, "ground": fg.Ground(), "timestep": 1e-3})
+    touching = {"model": replace(company(), pairs="all"), "pairs": [["arm", "ball/body"]], "timestep": 1e-3}
+    yield Call("compile_scene", fg.compile_scene, touching)
     yield Call("initial_state", fg.initial_state, {"scene": both, "q": {"ball": [0, 0, 1, 1, 0, 0, 0]}, "qd": {}})
     yield Call("Push", lambda **push: fg.simulate(driven, 0.01, pushes=[fg.Push(**push)]), push[0]._asdict(), True)
     begin = {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "allow_limit_violation": False}

@@ -1,0 +1,281 @@
+"""Which bodies of a scene may touch each other, and how their contact gives way."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from featherstone_gait.geometry.body import body
+from featherstone_gait.geometry.distance import meeting_shapes
+from featherstone_gait.model import Ground, Joint, Link, Model
+from featherstone_gait.model.numpy_dynamics import link_poses
+from featherstone_gait.model.pair_contact import PairContact
+from featherstone_gait.model.placed import Placed, SceneModel
+from featherstone_gait.model.rest_posture import nearest_posture
+from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from featherstone_gait.robot_file import load_robot
+from featherstone_gait.scene.compile import compile_scene
+
+G = 9.81
+CUBE = Box((0.1, 0.1, 0.1))
+TURNED = (math.cos(0.4), 0.0, math.sin(0.4), 0.0)
+
+
+def obstacle(geometry, name, position=(0.0, 0.0, 0.0), friction=None, orientation=(1.0, 0.0, 0.0, 0.0)):
+    model = body(geometry, name=name, base="fixed", friction=friction)
+    return Placed(model, position=position, orientation=orientation)
+
+
+def table_of(scene):
+    return scene.touching.table.pairs
+
+
+def names(scene):
+    return {frozenset(pair) for pair in scene.pairs}
+
+
+def slider():
+    """A rail on which a cart slides between -0.5 and 2 m, with a pole that turns on it."""
+    links = [Link(name, 1.0, inertia=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1)) for name in ("rail", "cart", "pole")]
+    joints = [
+        Joint("slide", "prismatic", "rail", "cart", xyz=(0.0, 0.0, 0.3), axis=(1.0, 0.0, 0.0), lower=-0.5, upper=2.0),
+        Joint("turn", "revolute", "cart", "pole", xyz=(0.0, 0.2, 0.0), axis=(0.0, 1.0, 0.0)),
+    ]
+    shapes = (Shape("cart", CUBE), Shape("pole", Capsule(0.02, 0.4), xyz=(0.0, 0.0, 0.25), rpy=(0.3, 0.0, 0.0)))
+    return Model("slider", tuple(links), tuple(joints), shapes=shapes)
+
+
+# ---------------------------------------------------------------------------------------------- which
+
+
+def test_links_of_one_robot_touch_unless_neighbors_or_overlapping_at_rest():
+    robot = load_robot("humanoid")
+    scene = compile_scene(robot, pairs="all")
+    links = [shape.link for shape in robot.shapes]
+    allowed = {frozenset(f"humanoid/{links[k]}" for k in pair) for pair in meeting_shapes(robot).pairs}
+    assert names(scene) == allowed
+    assert frozenset({"humanoid/left_thigh", "humanoid/right_thigh"}) in allowed
+    assert frozenset({"humanoid/left_thigh", "humanoid/left_shank"}) not in allowed
+    assert any("left_hip_bracket" in note and "overlap" in note for note in scene.touching.notes)
+
+
+def test_what_cannot_move_touches_only_what_can():
+    arm, ball = load_robot("arm7"), body(Sphere(0.05), 1.0, name="ball")
+    scene = SceneModel(
+        "bench",
+        [Placed(arm, "arm"), Placed(ball, position=(1.0, 0.0, 1.0))],
+        [obstacle(CUBE, "one", (2.0, 0.0, 0.0)), obstacle(CUBE, "two", (2.05, 0.0, 0.0))],
+        pairs="all",
+    )
+    found = names(compile_scene(scene))
+    assert frozenset({"one/body", "two/body"}) not in found
+    assert frozenset({"ball/body", "one/body"}) in found
+    assert frozenset({f"arm/{arm.root}", "one/body"}) not in found
+    for pair in table_of(compile_scene(scene)):
+        assert pair.folded == (pair.tree_b == -1 or (pair.tree_b == 0 and pair.body_b == 0))
+        assert pair.tree_a >= 0
+
+
+def test_excluded_links_do_not_touch():
+    ball = body(Sphere(0.05), 1.0)
+    balls = [Placed(ball, name, position=(k, 0.0, 1.0)) for k, name in enumerate("abc")]
+    scene = SceneModel("balls", balls, excluded=[("c/body", "a/body")], pairs="all")
+    assert names(compile_scene(scene)) == {frozenset({"a/body", "b/body"}), frozenset({"b/body", "c/body"})}
+    assert names(compile_scene(scene).recompiled()) == names(compile_scene(scene))
+
+
+def test_pairs_of_names_are_those_of_all_their_links_or_of_two_links():
+    robot, ball = load_robot("humanoid"), body(Sphere(0.05), 1.0, name="ball")
+    placed = [Placed(robot, "robot"), Placed(ball, position=(2.0, 0.0, 1.0))]
+    links = {shape.link for shape in robot.shapes}
+    scene = compile_scene(placed, pairs=[("ball", "robot")])
+    assert names(scene) == {frozenset({"ball/body", f"robot/{link}"}) for link in links}
+    scene = compile_scene(placed, pairs=[("robot/left_thigh", "robot/left_shank")])
+    assert names(scene) == {frozenset({"robot/left_thigh", "robot/left_shank"})}
+    assert names(compile_scene(placed, pairs="none")) == names(compile_scene(placed)) == set()
+    own = compile_scene(placed, pairs=[("robot", "robot")])
+    assert names(own) == names(compile_scene([placed[0]], pairs="all"))
+
+
+def test_a_scene_says_itself_what_touches_unless_told_otherwise():
+    ball = body(Sphere(0.05), 1.0)
+    scene = SceneModel("balls", [Placed(ball, "a"), Placed(ball, "b", position=(1.0, 0.0, 0.0))], pairs=[("a", "b")])
+    assert len(compile_scene(scene).pairs) == 1
+    assert len(compile_scene(scene, pairs="none").pairs) == 0
+    assert compile_scene(scene, pairs="none").touching.table is None
+
+
+@pytest.mark.parametrize(
+    ("pairs", "words"),
+    [
+        ("some", ["'some'", '"all"']),
+        ([("ball", "nobody")], ["'nobody'", "'wall'"]),
+        ([("ball",)], ["('ball',)", "two names"]),
+        ([("wall", "wall")], ["'wall'", "cannot touch"]),
+        ([("ball", "wall")], ["excluded"]),
+        (3, ["3", '"all"']),
+    ],
+)
+def test_pairs_that_are_none_are_refused(pairs, words):
+    ball = Placed(body(Sphere(0.05), 1.0, name="ball"))
+    scene = SceneModel("x", [ball], [obstacle(CUBE, "wall")], excluded=[("ball/body", "wall/body")])
+    with pytest.raises(ValueError, match="pairs") as error:
+        compile_scene(scene, pairs=pairs)
+    assert all(word in str(error.value) for word in words)
+    if pairs in ([("ball", "nobody")], "some", 3):
+        with pytest.raises(ValueError, match="pairs"):
+            replace(scene, pairs=pairs)
+
+
+@pytest.mark.parametrize(
+    "numbers", [{"penetration": 0.0}, {"friction": -1.0}, {"load": 0.0}, {"max_points": 0}, {"damping_ratio": math.nan}]
+)
+def test_numbers_out_of_range_are_refused(numbers):
+    with pytest.raises(ValueError, match=next(iter(numbers))):
+        PairContact(**numbers)
+
+
+# ---------------------------------------------------------------------------------------------- the law
+
+
+@pytest.mark.parametrize(("shape", "points"), [(CUBE, 4), (Sphere(0.1), 1)])
+def test_points_of_an_obstacle_are_those_of_the_ground(shape, points):
+    """So what rests on an obstacle lies exactly as deep as on the ground."""
+    thing = Placed(body(shape, 2.0, name="thing", friction=0.4), position=(0.0, 0.0))
+    scene = SceneModel("x", [thing], [obstacle(CUBE, "table", friction=0.4)], ground=Ground(), pairs="all")
+    compiled = compile_scene(scene, pairs=[("thing", "table")])
+    (pair,), point = table_of(compiled), compiled.constants.contact.points[0]
+    for name in ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"):
+        assert pair[name] == pytest.approx(point[name], rel=1e-14), name
+    assert points * pair.stiffness * 5e-4 == pytest.approx(2.0 * G, rel=1e-14)
+
+
+def test_a_pair_is_as_stiff_as_the_heavier_side_or_the_load_asks_for():
+    heavy, light = body(CUBE, 100.0, friction=0.9), body(CUBE, 0.1, friction=0.4)
+    placed = [Placed(heavy, "heavy"), Placed(light, "light", position=(1.0, 0.0, 0.0))]
+    (pair,) = table_of(compile_scene(placed, pairs=PairContact(penetration=1e-3)))
+    assert pair.stiffness == pytest.approx(100.0 * G / (4 * 1e-3))
+    assert pair.damping == pytest.approx(2 * 0.7 / math.sqrt(G * 1e-3))
+    assert pair.friction == pytest.approx(math.sqrt(0.9 * 0.4))
+    reduced = 100.0 * 0.1 / 100.1
+    assert pair.tangential_damping == pytest.approx(2 * 0.7 * math.sqrt(pair.stiffness * reduced / 4))
+    (pair,) = table_of(compile_scene(placed, pairs=PairContact(load=3.0)))
+    assert pair.stiffness == pytest.approx(3.0 * G / (4 * 5e-4))
+    (pair,) = table_of(compile_scene(placed, pairs="all", gravity=(0.0, 0.0, 0.0)))
+    assert pair.stiffness == pytest.approx(100.0 * G / (4 * 5e-4))
+
+
+def test_a_fixed_base_weighs_nothing():
+    arm = slider()
+    heavy = replace(arm, links=(replace(arm.links[0], mass=1e6), *arm.links[1:]))
+    scenes = [compile_scene(SceneModel("x", [Placed(m)], [obstacle(CUBE, "o")]), pairs="all") for m in (arm, heavy)]
+    assert np.array_equal(*(table_of(scene).stiffness for scene in scenes))
+
+
+# ---------------------------------------------------------------------------------------------- tables
+
+
+def world_places(scene, number, q):
+    """Rotations and centers in the world of all shapes of one member in a posture."""
+    member, tree = scene.members[number], scene.tree
+    poses, found = link_poses(member.model, q), {}
+    for name, place in tree.placements.items():
+        owner, link = name.split("/", 1)
+        if owner == member.name:
+            k = member.model.link_index(link)
+            turn = poses.rotation[k] @ place.E.T
+            found[place.row] = turn, poses.position[k] - turn @ place.r
+    table = scene.touching.table.shapes.table
+    rows = [k for k in range(len(table)) if table.link[k] in found]
+    return {
+        k: (found[table[k].link][0] @ table[k].E.reshape(3, 3), sum_of(found[table[k].link], table[k].r)) for k in rows
+    }
+
+
+def sum_of(pose, r):
+    return pose[1] + pose[0] @ r
+
+
+def test_shapes_are_where_forward_kinematics_has_them():
+    robot = load_robot("humanoid")
+    q = nearest_posture(robot)
+    q[7:] += np.random.default_rng(0).uniform(-0.5, 0.5, len(q) - 7)
+    scene = compile_scene(SceneModel("x", [Placed(robot)], [obstacle(CUBE, "o", (5.0, 0.0, 1.0), None, TURNED)]),
+                          pairs="all")  # fmt: skip
+    poses, places = link_poses(robot, q), world_places(scene, 0, q)
+    centers = sorted((poses.position[robot.link_index(s.link)] + poses.rotation[robot.link_index(s.link)] @ s.xyz
+                      for s in robot.shapes), key=tuple)  # fmt: skip
+    assert np.allclose(sorted((r for _, r in places.values()), key=tuple), centers, atol=1e-12)
+    last = scene.touching.table.shapes.table[-1]
+    assert np.allclose(last.r, (5.0, 0.0, 1.0))
+    assert np.allclose(last.E.reshape(3, 3) @ (0.0, 0.0, 1.0), (math.sin(0.8), 0.0, math.cos(0.8)))
+
+
+@pytest.mark.parametrize("robot", ["humanoid", "slider"])
+def test_no_posture_takes_a_shape_beyond_its_bounds(robot):
+    model = slider() if robot == "slider" else load_robot(robot)
+    scene = compile_scene(SceneModel("x", [Placed(model)], [obstacle(CUBE, "o", (9.0, 0.0, 0.0))]), pairs="all")
+    pairs, rng, n = scene.touching.table, np.random.default_rng(1), len(model.joint_names)
+    start, farthest, fastest = nearest_posture(model), 0.0, np.zeros(n)
+    for _ in range(50):
+        q = start.copy()
+        for k, joint in enumerate(model.moving_joints):
+            q[len(q) - n + k] = rng.uniform(max(joint.lower, -4.0), min(joint.upper, 4.0))
+        base = world_places(scene, 0, q)
+        for k, (turn, center) in base.items():
+            shape = pairs.shapes.table[k]
+            farthest = max(farthest, *np.linalg.norm(center + corners(shape) @ turn.T, axis=1))
+        for k in range(n):
+            near = q.copy()
+            near[len(q) - n + k] += 1e-6
+            for row, (turn, center) in world_places(scene, 0, near).items():
+                own = corners(pairs.shapes.table[row])
+                moved = center + own @ turn.T - base[row][1] - own @ base[row][0].T
+                fastest[k] = max(fastest[k], *np.linalg.norm(moved, axis=1) / 1e-6)
+    assert farthest <= pairs.radius[0] + 1e-9
+    assert (fastest <= pairs.reach + 1e-6).all()
+    assert pairs.radius[0] < 2.0 * farthest + 0.1
+    assert (pairs.reach <= 3.0 * fastest + 0.05).all()
+
+
+def corners(shape):
+    """The corners of a box around a shape, inside the sphere that bounds it."""
+    signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    if shape.corners:
+        return np.zeros((1, 3))
+    return signs * (shape.half + 0.7 * shape.disc * np.array([1.0, 1.0, 0.0]))
+
+
+def test_every_body_of_a_pair_has_a_row_of_its_own():
+    robot, ball = load_robot("humanoid"), body(Sphere(0.05), 1.0, name="ball")
+    scene = SceneModel("x", [Placed(robot), Placed(ball, position=(2.0, 0.0))], [obstacle(CUBE, "o", (5.0, 0.0, 0.0))],
+                       Ground(), pairs="all")  # fmt: skip
+    compiled = compile_scene(scene)
+    pairs, plain = compiled.touching.table, compile_scene(scene, pairs="none")
+    table, bodies = pairs.pairs, compiled.tree.bodies
+    assert (bodies.contact[table.body_a] == table.row_a).all()
+    both = table.tree_b >= 0
+    assert (bodies.contact[table.body_b[both]] == table.row_b[both]).all()
+    assert (table.row_b[~both] == 0).all()
+    with_points = {plain.tree.placements[f"humanoid/{point.link}"].row for point in robot.contacts} | {len(bodies) - 1}
+    touched = {*table.body_a.tolist(), *table.body_b[both].tolist()}
+    assert sorted(pairs.own_rows) == sorted(bodies.contact[[*touched - with_points]])
+    assert compiled.tree.rows == plain.tree.rows + len(pairs.own_rows)
+    assert [*zip(table.tree_a, table.tree_b)] == sorted(zip(table.tree_a, table.tree_b))
+
+
+def test_a_pair_has_as_many_points_as_its_shapes_can_have():
+    shapes = [CUBE, Sphere(0.1), Capsule(0.1, 0.2), Cylinder(0.1, 0.2)]
+    placed = [Placed(body(shape, 1.0, name=type(shape).__name__), position=(k, 0, 0)) for k, shape in enumerate(shapes)]
+    scene = compile_scene(placed, pairs="all")
+    slots = {
+        frozenset(name.split("/")[0] for name in pair): row.slots for pair, row in zip(scene.pairs, table_of(scene))
+    }
+    assert slots == {
+        frozenset({"Box", "Sphere"}): 1, frozenset({"Capsule", "Sphere"}): 1, frozenset({"Cylinder", "Sphere"}): 1,
+        frozenset({"Box", "Capsule"}): 2, frozenset({"Capsule", "Cylinder"}): 2, frozenset({"Box", "Cylinder"}): 8,
+    }  # fmt: skip
+    assert scene.touching.table.slots[0] == 15
+    few = compile_scene(placed, pairs=PairContact(max_points=3))
+    assert few.touching.table.slots[0] == 3
