@@ -29,7 +29,7 @@ from ..model import Ground, Joint
 from ..model.pair_contact import ALL, PairContact
 from ..model.placed import SEPARATOR, Placed, link_name
 from ..model.shapes import Capsule, Sphere
-from .forest import Member, named
+from .forest import Member, named, shifts
 from .options import SceneOptions
 from .records import records
 from .tree import GRAVITY, Tree
@@ -105,7 +105,7 @@ def build_pairs(
     if not len(used):
         return Touching(notes=(*parts.notes, "no two shapes can touch each other")), tree
     parts, chosen = _only(parts, used), np.searchsorted(used, chosen)
-    table, tree, own_rows = _with_rows(_table(parts, chosen, tree), tree)
+    table, tree, own_rows = _with_rows(_table(parts, chosen), tree, _with_points(members))
     _fill_law(table, [parts.solids[k] for k in table.a], [parts.solids[k] for k in table.b], tree, options)
     reach, radius = _bounds(parts, tree, [joint for one in members for joint in one.model.moving_joints])
     slots = np.array([min(int(table.slots.sum()), option.max_points or _enough(table, tree))])
@@ -250,7 +250,7 @@ def _excluded(members: Sequence[Member], excluded: Sequence[tuple[str, str]]) ->
 # ---------------------------------------------------------------------------------------------- records
 
 
-def _table(parts: Parts, chosen: np.ndarray, tree: Tree) -> np.recarray:
+def _table(parts: Parts, chosen: np.ndarray) -> np.recarray:
     """Make a record for each two shapes: a is the one that moves; of two that do, that of the later tree or body."""
     solids = parts.solids
     rank = [(solid.moves, solid.tree, solid.body, k) for k, solid in enumerate(solids)]
@@ -274,18 +274,29 @@ def points_of(kinds: set[type]) -> int:
     return 8
 
 
-def _with_rows(table: np.recarray, tree: Tree) -> tuple[np.recarray, Tree, np.ndarray]:
-    """Give each body of a pair a workspace row for its contacts; return also the rows that are new."""
+def _with_points(members: Sequence[Member]) -> np.ndarray:
+    """Return the rows of the bodies that touch the ground with points."""
+    contacts = [member.scene.constants.contact for member in members]
+    moved = shifts([member.scene for member in members])
+    rows = [one.points.body + at.body for one, at in zip(contacts, moved) if one is not None]
+    return np.unique(np.concatenate([np.zeros(0, int), *rows]))
+
+
+def _with_rows(table: np.recarray, tree: Tree, pointed: np.ndarray) -> tuple[np.recarray, Tree, np.ndarray]:
+    """Give each body of a pair a workspace row for its contacts; return also those that points on the ground lack.
+
+    pointed: rows of the bodies with such points.
+    """
     bodies = tree.bodies.copy()
     touched = np.unique(np.concatenate([table.body_a, table.body_b[table.tree_b != WORLD]]))
     new = touched[bodies.contact[touched] == 0]
-    rows = tree.rows + np.arange(len(new))
-    bodies.contact[new] = rows
+    bodies.contact[new] = tree.rows + np.arange(len(new))
+    own = bodies.contact[np.setdiff1d(touched, pointed)]
     still = table.tree_b == WORLD
-    table.row_a = bodies.contact[table.body_a]
-    table.row_b = np.where(still, 0, bodies.contact[np.where(still, 0, table.body_b)])
     table.body_b = np.where(still, 0, table.body_b)
-    return table, tree._replace(bodies=bodies, rows=tree.rows + len(new)), rows
+    table.row_a = bodies.contact[table.body_a]
+    table.row_b = np.where(still, 0, bodies.contact[table.body_b])
+    return table, tree._replace(bodies=bodies, rows=tree.rows + len(new)), own
 
 
 def _fill_law(table: np.recarray, a: Sequence[Solid], b: Sequence[Solid], tree: Tree, options: SceneOptions) -> None:

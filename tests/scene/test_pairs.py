@@ -262,6 +262,9 @@ def test_every_body_of_a_pair_has_a_row_of_its_own():
     touched = {*table.body_a.tolist(), *table.body_b[both].tolist()}
     assert sorted(pairs.own_rows) == sorted(bodies.contact[[*touched - with_points]])
     assert compiled.tree.rows == plain.tree.rows + len(pairs.own_rows)
+    assert (compiled.tree.bodies.contact[compiled.constants.contact.points.body] != pairs.own_rows[:, None]).all()
+    weightless = compile_scene(replace(scene, ground=None))
+    assert {*weightless.touching.table.own_rows} == {*weightless.tree.bodies.contact[[*touched]]}
     assert [*zip(table.tree_a, table.tree_b)] == sorted(zip(table.tree_a, table.tree_b))
 
 
