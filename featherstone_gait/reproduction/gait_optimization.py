@@ -236,7 +236,7 @@ def _search(settings: GaitSearchSettings, planned: WalkingCost, condition: Condi
     return GaitSearch(condition, seed, result.history["f"][latest], at, found, steps, result.x)
 
 
-def evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float:
+def evaluate(cost: WalkingCost, noise: float, candidates: Speculation, threads: int | None = None) -> float:
     """Evaluate the candidates of a search, with noise that depends on the final state of a run."""
     state = standing_state(cost.scene, cost.start[0])
 
@@ -249,7 +249,7 @@ def evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float:
         return float(measured(cost, run)[0] * factor), run.status
 
     return simulate_stream(
-        cost.scene, cost.end, candidates, begin, end, record=("base_q", "energy"), record_interval=TICK
+        cost.scene, cost.end, candidates, begin, end, ("base_q", "energy"), TICK, threads
     )
 
 

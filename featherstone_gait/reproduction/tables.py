@@ -40,12 +40,13 @@ def write_rows(path: FilePath, form: Format, rows: Sequence[Any], module: str, c
 
 
 def table_arguments(
-    description: str, arguments: Sequence[str] | None, *files: str, **counts: int
+    description: str, arguments: Sequence[str] | None, *files: str, **options: int | str
 ) -> argparse.Namespace:
-    """Parse the command line of a study that writes a table; counts: whole-number options and their defaults."""
+    """Parse the command line of a study that writes a table; options: whole numbers or texts, and their defaults."""
     parser = argparse.ArgumentParser(description=f"{description}; continues where it was interrupted")
     for file in ("TABLE.csv", *files):
         parser.add_argument(file.partition(".")[0].lower(), type=Path, metavar=file)
-    for name, default in counts.items():
-        parser.add_argument(f"--{name}", type=int, default=default, metavar="N", help="default: %(default)s")
+    for name, default in options.items():
+        metavar, said = ("N", "%(default)s") if isinstance(default, int) else ("TEXT", "all")
+        parser.add_argument(f"--{name}", type=type(default), default=default, metavar=metavar, help=f"default: {said}")
     return parser.parse_args(arguments)
