@@ -7,10 +7,14 @@ import pytest
 
 from featherstone_gait.reproduction import noisy_searches
 from featherstone_gait.reproduction.noisy_searches import (
+    EXPLICITLY,
     FULL,
     ITS_OWN,
+    OTHERWISE,
     PUT_IN,
     QUICK,
+    STUDY,
+    UPDATES,
     Condition,
     Course,
     NoisyResult,
@@ -18,6 +22,8 @@ from featherstone_gait.reproduction.noisy_searches import (
     plot,
     read,
 )
+from featherstone_gait.reproduction.search_rules import CORRECTED, RULES
+from featherstone_gait.reproduction.what_stops import OURS, PAPERS
 
 
 def course(condition, gain, longer, converged, iterations=3000):
@@ -29,10 +35,10 @@ def course(condition, gain, longer, converged, iterations=3000):
     return Course(condition, iterations, at, seen, seen, step)
 
 
-def verdicts(mipsd, standard, iterations=3000):
+def verdicts(mipsd, standard, iterations=3000, program=OURS):
     """Return the verdicts on searches with states of a stride, given as (gain, longer, converged)."""
-    courses = [course(PUT_IN[0], *one) for one in mipsd] + [
-        course(Condition(gearbox="standard"), *one) for one in standard
+    courses = [course(Condition(program), *one) for one in mipsd] + [
+        course(Condition(program, "standard"), *one) for one in standard
     ]
     return [claim.verdict for claim in check(NoisyResult(iterations, tuple(courses)))]
 
@@ -48,6 +54,14 @@ def test_a_number_is_reproduced_within_its_range_and_factor_or_not_at_all():
     wide = [(gain, longer, at) for gain, longer, at in (*NEAR, (-0.6, 1.0, 2900), (-0.6, 1.0, 2900), (-0.6, 1.0, 2900))]
     assert verdicts(wide, LATER)[0] == "reproduced"  # the median is still the paper's
     assert verdicts(NEAR, LATER, iterations=2000) == ["undecided"] * 4
+    assert verdicts(NEAR[:4], LATER) == ["undecided"] * 4
+    assert verdicts(NEAR, LATER[:4]) == ["reproduced"] * 3 + ["undecided"]
+
+
+@pytest.mark.parametrize("program", [UPDATES, PAPERS])
+def test_each_program_has_verdicts_of_its_own(program):
+    assert verdicts(NEAR, LATER, program=program) == ["reproduced"] * 4
+    assert verdicts(NEAR, [], program=program) == ["reproduced"] * 3 + ["undecided"]
 
 
 def test_slower_needs_the_rank_sum_test():
@@ -59,23 +73,33 @@ def test_all_conditions_of_the_paper_are_searched():
     assert {(c.gearbox, c.states, c.noise) for c in PUT_IN} == {
         (g, s, n) for g, n in (("mipsd", 0.039), ("standard", 0.1462)) for s in ("stride", "step")
     }
-    assert {(c.gearbox, c.noise) for c in ITS_OWN} == {("mipsd", 0.0), ("standard", 0.0)}
+    assert {(c.gearbox, c.states, c.noise) for c in ITS_OWN} == {
+        (g, s, 0.0) for g in ("mipsd", "standard") for s in ("stride", "step")
+    }
+    assert {(c.gearbox, c.states, c.noise) for c in EXPLICITLY} == {(c.gearbox, c.states, c.noise) for c in PUT_IN}
+    assert {c.rule for c in OTHERWISE} | {CORRECTED} == {*RULES}
+    assert len({*STUDY}) == len(STUDY) == 18
     assert (FULL.iterations, FULL.searches, FULL.conditions) == (3000, 10, PUT_IN)
 
 
 @pytest.mark.long
-def test_a_study_goes_on_and_its_table_gives_the_same_courses(tmp_path, monkeypatch):
-    monkeypatch.setattr(noisy_searches, "PUT_IN", PUT_IN[:1])
-    monkeypatch.setattr(noisy_searches, "ITS_OWN", ITS_OWN[:1])
+def test_a_study_goes_on_and_its_table_gives_the_same_courses(tmp_path):
     table, summary = tmp_path / "courses.csv", tmp_path / "summary.csv"
-    command = [str(table), str(summary), str(tmp_path / "a.png"), "--iterations", "6", "--searches", "1"]
-    assert noisy_searches.main(command) == 0
+    command = [str(table), str(summary), str(tmp_path / "a.png"), "--iterations", "6", "--searches", "1", "--only"]
+    chosen = ["sweeps; mipsd; stride", "explicit; standard; step", "coordinates, mipsd; stride; as", "fewer"]
+    for only in chosen:
+        assert noisy_searches.main([*command, only, "--threads", "1"]) == 0
     first = table.read_bytes(), summary.read_bytes()
-    assert noisy_searches.main(command) == 0
+    for only in chosen:
+        assert noisy_searches.main([*command, only]) == 0
+    assert (table.read_bytes(), summary.read_bytes()) == first
+    table.unlink()
+    for only in chosen[::-1]:  # from the histories, in another order, in all threads
+        assert noisy_searches.main([*command, only]) == 0
     assert (table.read_bytes(), summary.read_bytes()) == first
     assert (tmp_path / "a.png").exists()
     result = read(table)
-    assert [c.condition for c in result.courses] == [PUT_IN[0], ITS_OWN[0]]
+    assert [c.condition for c in result.courses] == [PUT_IN[0], EXPLICITLY[3], OTHERWISE[1], ITS_OWN[0]]
     again = noisy_searches.run(replace(QUICK, iterations=6, searches=1, conditions=(PUT_IN[0],)))
     np.testing.assert_array_equal(result.courses[0].cost, again.courses[0].cost)
     assert all(np.all(np.diff(c.seen) < 0.0) and c.at[0] == 0 for c in result.courses)

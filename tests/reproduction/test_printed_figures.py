@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherstone_gait import Reference, compile_scene, initial_state, simulate
 from featherstone_gait.reproduction import energy_repeatability, gait_optimization, posture, seven_joint_arm
 from featherstone_gait.reproduction import solver_scatter as solver
 from featherstone_gait.reproduction.walks import planned_walk
@@ -47,15 +46,22 @@ def test_the_papers_figures_are_those_that_it_prints():
 
 
 def test_fig_9_without_a_rotor_the_arm_chatters_by_as_much_as_the_report_says():
-    """One disturbance, within the range of the report's 32."""
-    case = seven_joint_arm.Case()
-    scene = compile_scene(seven_joint_arm.arm(case), "standard", integrator="simtwo", timestep=case.step)
-    start = initial_state(scene, case.tilt * np.random.default_rng(1).standard_normal(7))
-    run = simulate(scene, 20.0, start, Reference([0.0], np.zeros((1, 7))), record=("q",))
-    angle = np.degrees(run["q"][:, 0])
-    low, high, *_ = stored("seven_joint_arm", "Fig. 9", "standard")
-    assert low < (angle[len(angle) // 2 :] ** 2).mean() < high
-    assert run.status == "chatter"
+    """Both ends of the range over the report's 32 disturbances, to the printed digits.
+
+    Over 32 others the ends are elsewhere: in 30 such sets the lower one between 0.75 and 1.04, the upper one between
+    1.78 and 3.32 deg^2, which is within 1.35 and 1.55 times of what is printed.
+    """
+    printed = stored("seven_joint_arm", "Fig. 9", "standard")[:2]
+    runs, others = (
+        seven_joint_arm.hold(
+            seven_joint_arm.Case(), seven_joint_arm.FULL, np.random.default_rng(seed).standard_normal((32, 7))
+        )
+        for seed in (0, 1)
+    )
+    ends, elsewhere = (seven_joint_arm.DEG2 * np.array([x.error.min(), x.error.max()]) for x in (runs, others))
+    assert [float(f"{end:.2g}") for end in ends] == printed
+    assert (abs(np.log(elsewhere / printed)) < np.log([1.35, 1.55])).all()
+    assert set(runs.statuses) == {"chatter"}
 
 
 def test_fig_10_with_mipsd_the_arm_comes_to_rest_as_the_report_says():
