@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sized
@@ -213,9 +214,10 @@ def _check_names(field: str, pairs: Iterable[tuple[str, str]], known: set[str]) 
     """Raise ValueError for a name that is not of the scene."""
     for name in (name for pair in pairs for name in pair):
         if name not in known:
+            near = difflib.get_close_matches(name, sorted(known))
             raise ValueError(
-                f"scene: {field} names {name!r}, which is not in the scene; expected one of {quoted(sorted(known))}: "
-                "correct it"
+                f"scene: {field} names {name!r}, which is not in the scene; expected one of "
+                f"{quoted([*near, *sorted(known - {*near})])}: correct it"
             )
 
 

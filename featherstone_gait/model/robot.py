@@ -26,6 +26,7 @@ from .checks import check, choice_flaws, name_flaws, vector_flaws
 from .ground import ContactPoint
 from .links import Joint, Link, leader_of
 from .mass_checks import by_body, indefinite_flaws
+from .pair_contact import name_pairs
 from .rigid_bodies import Frame, Placement, RigidBody, depth_first_joints, lay_out, merge
 from .servo import Servo, Supply
 from .shapes import Shape
@@ -68,6 +69,8 @@ class Model:
         Source that feeds all servos; None if each servo has its own `voltage_limit`, whatever the others draw.
     package_dirs : tuple of str
         Folders with the packages of the robot's files, besides the usual places.
+    excluded : tuple of (str, str)
+        Pairs of links that do not touch each other in a scene with contact between bodies.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class Model:
     source: str = ""
     supply: Supply | None = None
     package_dirs: tuple[str, ...] = ()
+    excluded: tuple[tuple[str, str], ...] = ()
 
     def __repr__(self) -> str:
         counts = {
@@ -111,6 +115,7 @@ class Model:
             instance(f"{what}: supply", self.supply, Supply, "give Supply(voltage, resistance), or None")
         check_links("contacts", self.links, (point.link for point in self.contacts))
         check_links("shapes", self.links, (shape.link for shape in self.shapes))
+        check_links("excluded", self.links, (link for pair in self.excluded for link in pair))
         check_can_move(self.joints, self.held)
         for name, q in self.keyframes.items():
             check(vector_flaws(f"keyframe {name!r}", "q", q, self.nq))
@@ -128,6 +133,7 @@ class Model:
         instance("source", self.source, str, "give the path of a file, or an empty text")
         folders = tuple(texts("package_dirs", self.package_dirs, "give a list of folders"))
         object.__setattr__(self, "package_dirs", folders)
+        object.__setattr__(self, "excluded", name_pairs(f"{what}: excluded", self.excluded, "give pairs of links"))
         for name in _TABLES:
             table = getattr(self, name)
             instance(f"{what}: {name}", table, Mapping, "give a dictionary, by name")

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+from ..base import arguments
 from ..base.arguments import instance, listed, real, texts, truth
 from ..geometry.contact_choice import Choice, with_contacts
 from ..model import LARGEST, Base, Joint, Mimic, Model
@@ -24,6 +25,7 @@ from .robot import Robot
 from .settings import Settings, read_settings
 from .simtwo.read import read_simtwo
 from .source import robot_path
+from .srdf import read_excluded
 from .urdf import read_urdf
 
 MimicMode = Literal["coupled", "free", "locked"]
@@ -39,6 +41,7 @@ def load_robot(
     mimic: MimicMode = "coupled",
     repair_inertia: bool = False,
     package_dirs: str | os.PathLike | Sequence[str | os.PathLike] = (),
+    srdf: str | os.PathLike | None = None,
 ) -> Model:
     """Load a robot by name, or from a URDF, an MJCF file or a scene of SimTwo.
 
@@ -74,6 +77,9 @@ def load_robot(
     package_dirs : path or sequence of paths, optional
         Folders in which to search the packages of meshes `package://PACKAGE/...`, besides the folders above the URDF
         and those of ROS_PACKAGE_PATH.
+    srdf : path, optional
+        SRDF file whose <disable_collisions> become `Model.excluded`.  None: the one of the URDF's name beside it, or in
+        the folder `srdf` beside its own.
 
     Returns
     -------
@@ -89,7 +95,7 @@ def load_robot(
     ImportError
         For MJCF without MuJoCo.
     """
-    _check_arguments(name_or_path, strict, repair_inertia, package_dirs)
+    _check_arguments(name_or_path, strict, repair_inertia, package_dirs, srdf)
     if base is not None:
         instance("base", base, str, "give 'fixed' or 'floating', or None")
     path = robot_path(name_or_path)
@@ -105,6 +111,8 @@ def load_robot(
             robot = read_simtwo(path, markup.root, base, report)
         else:
             robot = read_urdf(markup.root, path, meshes, report, repair_inertia)
+            names, given = (link.name for link in robot.links), None if srdf is None else Path(srdf)
+            robot = robot._replace(excluded=read_excluded(path, given, names, report))
     settings = _settings(path, robot, report)
     held = {**robot.held, **_held(path, robot, locked, settings, report)}
     joints, held = resolve_couplings(robot.joints, held, mimic, report)
@@ -127,11 +135,13 @@ def load_robot(
     return chosen
 
 
-def _check_arguments(name_or_path: Any, strict: Any, repair_inertia: Any, package_dirs: Any) -> None:
+def _check_arguments(name_or_path: Any, strict: Any, repair_inertia: Any, package_dirs: Any, srdf: Any) -> None:
     """Raise TypeError for arguments of other types; values are checked where they are used."""
     instance("name_or_path", name_or_path, (str, os.PathLike), "give a robot's name, or the path of its file")
     truth("strict", strict)
     truth("repair_inertia", repair_inertia)
+    if srdf is not None:
+        arguments.path("srdf", srdf)
     if not isinstance(package_dirs, (str, os.PathLike)):
         for folder in listed("package_dirs", package_dirs, "give a folder, or a list of them"):
             instance("package_dirs", folder, (str, os.PathLike), "give a folder, or a list of them")
@@ -184,6 +194,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             source=str(path),
             supply=settings.supply,
             package_dirs=package_dirs,
+            excluded=(*robot.excluded, *settings.excluded),
         )
     report.raise_problems(path)
     return model

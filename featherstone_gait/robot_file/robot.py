@@ -29,3 +29,4 @@ class Robot(NamedTuple):
     held: Mapping[str, float] = {}  # joints that cannot move, and where they are [rad or m]
     servos: Mapping[str, Servo] = {}
     postures: Mapping[str, Posture] = {}
+    excluded: tuple[tuple[str, str], ...] = ()  # links that do not touch each other

@@ -5,6 +5,8 @@
     name = "kitchen"                     # else the file's
     gravity = [0.0, 0.0, -9.81]
     excluded = [["left/hand", "cup/body"]]         # links that do not touch each other
+    pairs = "all"                        # what touches each other: or "none", or [["left", "cup"], ...]; or a table
+                                         # [pairs] with fields of PairContact: select, penetration, friction, ...
 
     [ground]                             # fields of Ground: friction, penetration, damping_ratio, height, slope, ...
     friction = 0.8
@@ -44,6 +46,7 @@ from ..base.flaws import quoted
 from ..base.rotation import Vector
 from ..geometry.body import body
 from ..model import Ground, Model
+from ..model.pair_contact import PairContact
 from ..model.placed import OF_SCENE, Placed, SceneModel
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from .load import load_robot
@@ -51,13 +54,14 @@ from .report import Report
 from .servos import read_servos
 from .simtwo.read import quaternion_from_rpy
 from .source import robot_names
-from .toml import Problems, at, check_keys, number, read_toml, real, string, table_of, truth, vector
+from .toml import Problems, at, check_keys, name_pairs_of, number, read_toml, real, string, table_of, truth, vector
 
-TOP = ("name", "gravity", "excluded", "ground", "robots", "objects", "obstacles")
+TOP = ("name", "gravity", "excluded", "pairs", "ground", "robots", "objects", "obstacles")
 PLACE = ("name", "position", "orientation", "rpy")
 OF_ROBOT = ("file", "base", "locked", "contacts", "gearbox", "ground_contact", "servos")
 SHAPES: dict[str, type] = {kind.__name__.lower(): kind for kind in (Sphere, Capsule, Cylinder, Box, Mesh, Hull)}
 NO_SERVOS = "none"  # as a gearbox
+PAIRS = 'write "all", "none", or [["robot/hand", "cup"], ...]'
 
 
 def read_scene_toml(path: Path, strict: bool) -> SceneModel:
@@ -71,7 +75,9 @@ def read_scene_toml(path: Path, strict: bool) -> SceneModel:
     with problems.at(table, "gravity"):
         found["gravity"] = vector(table, "gravity", "scene") if "gravity" in table else None
     with problems.at(table, "excluded"):
-        found["excluded"] = _pairs(table.get("excluded", []))
+        found["excluded"] = name_pairs_of(table, "excluded", 'write [["robot/link", "object/body"], ...]')
+    with problems.at(table, "pairs"):
+        found |= {"pairs": _touching(table)} if "pairs" in table else {}
     with problems.at(table, "ground"):
         found["ground"] = _ground(table_of(table, "ground", "")) if "ground" in table else None
     placed: dict[str, list[Placed]] = {"robots": [], "objects": [], "obstacles": []}
@@ -95,12 +101,25 @@ def _rows(table: Mapping[str, Any], section: str) -> list[dict[str, Any]]:
     return rows
 
 
-def _pairs(rows: Any) -> tuple[tuple[str, str], ...]:
-    if not isinstance(rows, list) or not all(
-        isinstance(row, list) and len(row) == 2 and all(isinstance(name, str) for name in row) for row in rows
-    ):
-        raise ValueError(f'excluded is {rows!r}; expected pairs of links: write [["robot/link", "object/body"], ...]')
-    return tuple((one, two) for one, two in rows)
+def _touching(table: Mapping[str, Any]) -> str | tuple[tuple[str, str], ...] | PairContact:
+    """Read what touches what: a word, pairs of names, or a table of numbers, in which `select` says it."""
+    given = table["pairs"]
+    if isinstance(given, str):
+        return PairContact(given).select
+    if not isinstance(given, dict):
+        return name_pairs_of(table, "pairs", PAIRS)
+    numbers = tuple(f.name for f in fields(PairContact) if f.name != "select")
+    check_keys(given, ("select", *numbers), "pairs")
+    problems, found = Problems(), dict[str, Any]()
+    for key in given:
+        with problems.at(given, key):
+            if key == "select":
+                found[key] = given[key] if isinstance(given[key], str) else name_pairs_of(given, key, PAIRS)
+            else:
+                found[key] = given[key] if key == "max_points" else number(given, key, "pairs")
+            PairContact(**{key: found[key]})
+    problems.raise_all()
+    return PairContact(**found)
 
 
 def _ground(table: dict[str, Any]) -> Ground:

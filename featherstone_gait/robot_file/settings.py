@@ -14,13 +14,13 @@ from ..model.tree_checks import check_links, check_locked
 from .report import Report
 from .robot import Posture
 from .servos import read_servos
-from .toml import Problems, check_keys, number, read_toml, real, record, table_of
+from .toml import Problems, check_keys, name_pairs_of, number, read_toml, real, record, table_of
 
 OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
     "links": ("gravity_compensation",),
     "joints": ("armature", "stiffness", "spring_reference"),
 }
-SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes")  # of the file
+SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded")  # of the file
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
@@ -36,6 +36,7 @@ class Settings(NamedTuple):
     postures: Mapping[str, Posture] = {}  # name -> posture, of those given by joint
     supply: Supply | None = None
     choice: str | tuple[str, ...] | None = None  # of collision shapes in place of contact points
+    excluded: tuple[tuple[str, str], ...] = ()  # links that do not touch each other
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report) -> Settings:
@@ -71,6 +72,10 @@ def _section(
     if name == "contacts":
         choice = _choice(table[name])
         return {"choice": choice} if choice else {name: _contacts(table[name], links)}
+    if name == "excluded":
+        pairs = name_pairs_of(table, name, 'write [["hand", "thigh"], ...]')
+        check_links(name, links, (link for pair in pairs for link in pair))
+        return {name: pairs}
     inside = table_of(table, name, "")
     if name == "servos":
         return {name: read_servos(inside, joints, folder, report)}

@@ -136,6 +136,17 @@ def truth(table: Mapping[str, Any], key: str, what: str) -> bool:
     return value
 
 
+def name_pairs_of(table: Mapping[str, Any], key: str, remedy: str) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of names under a key; raise ValueError for anything else."""
+    rows = table.get(key, [])
+    with at(table, key):
+        if not isinstance(rows, list) or not all(
+            isinstance(row, list) and len(row) == 2 and all(isinstance(name, str) for name in row) for row in rows
+        ):
+            raise ValueError(f"{key} is {shown(rows)}; expected pairs of names: {remedy}")
+    return tuple((one, two) for one, two in rows)
+
+
 # How to read a field of a dataclass, by its type as `fields` gives it.
 READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "str": string,
@@ -164,8 +175,8 @@ def record(kind: type, table: Mapping[str, Any], what: str, named: str = "") -> 
         return kind(**values)
 
 
-def written(value: str | float | tuple[float, ...]) -> str:
-    """Write a text, a number or numbers as TOML that reads back the same."""
+def written(value: str | float | tuple[Any, ...]) -> str:
+    """Write a text, a number or a list of them as TOML that reads back the same."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

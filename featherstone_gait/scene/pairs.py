@@ -15,7 +15,7 @@ friction is the geometric mean of those of the two shapes, in place of which the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -242,9 +242,11 @@ def _rows_by_name(solids: Sequence[Solid]) -> dict[str, list[int]]:
     return rows
 
 
-def _excluded(members: Sequence[Member], excluded: Sequence[tuple[str, str]]) -> Iterable[tuple[str, str]]:
-    """Yield the pairs of links that do not touch: those of the scene."""
+def _excluded(members: Sequence[Member], excluded: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str]]:
+    """Yield the pairs of links that do not touch: those of the scene, and of each robot."""
     yield from excluded
+    for member in members:
+        yield from ((named(member, one), named(member, two)) for one, two in member.model.excluded)
 
 
 # ---------------------------------------------------------------------------------------------- records

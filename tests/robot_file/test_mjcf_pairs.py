@@ -116,13 +116,36 @@ def test_what_of_a_pair_is_taken_otherwise_is_warned_of(load, text, word):
         load(text, strict=True)
 
 
-def test_pairs_of_links_and_exclusions_between_them_are_noted(load):
+def test_pairs_of_links_are_noted_and_exclusions_between_them_are_read(load):
     joint = '<body name="foot" pos="0 0 -0.2"><joint/>'
     more = '<pair geom1="sole" geom2="belly" name="inner"/><exclude body1="trunk" body2="foot"/>'
     model = load(scene(more=more).replace('<body name="foot" pos="0 0 -0.2">', joint))
     assert [shape.name for shape in model.shapes] == ["sole"]
     assert any("'inner'" in note for note in model.notes)
-    assert any("<exclude>" in note for note in model.notes)
+
+
+LINKED = """
+<mujoco><worldbody>
+  <geom name="floor" type="plane" size="5 5 1"/>
+  <body name="a" pos="0 0 1"><freejoint/><geom size="0.1"/>
+    <body name="b" pos="1 0 0"><joint axis="0 1 0"/><geom size="0.1"/>
+      <body name="c" pos="1 0 0"><joint axis="0 1 0"/><geom size="0.1" contype="2" conaffinity="1"/>
+        <body name="d" pos="1 0 0"><joint axis="0 1 0"/><geom size="0.1" contype="4" conaffinity="1"/></body>
+      </body>
+    </body>
+  </body>
+</worldbody><contact><exclude body1="a" body2="c"/></contact></mujoco>
+"""
+
+
+def test_links_that_never_touch_are_excluded_in_the_model_and_its_file(load, tmp_path):
+    """By <exclude>, and where the bits of contype and conaffinity do not meet."""
+    model = load(LINKED)
+    assert {*map(frozenset, model.excluded)} == {frozenset("ac"), frozenset("cd")}
+    for path in (tmp_path / "saved.urdf", tmp_path / "saved.xml"):
+        save_robot(model, path)
+    assert load_robot(tmp_path / "saved.urdf").excluded == model.excluded
+    assert {*map(frozenset, load_robot(tmp_path / "saved.xml").excluded)} >= {*map(frozenset, model.excluded)}
 
 
 def test_an_excluded_body_touches_the_floor_by_its_pair_alone(load):

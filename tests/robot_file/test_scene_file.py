@@ -13,6 +13,7 @@ from simtwo_scene import ARM as SIMTWO_ARM
 from featherstone_gait import (
     Box,
     Ground,
+    PairContact,
     RobotFileWarning,
     inverse_dynamics,
     load_robot,
@@ -208,6 +209,10 @@ def test_links_that_never_touch_are_listed(bench):
     pairs = {frozenset(pair) for pair in bench.excluded}
     assert {"left/fore", "right/fore"} in pairs
     assert not {frozenset(("left/shoulder", "pillar/body")), frozenset(("cup/cup", "pillar/body"))} & pairs
+    pointed = {f"{placed.name}/{point.link}" for placed in bench.members for point in placed.model.contacts}
+    shaped = {f"{placed.name}/{shape.link}" for placed in bench.members for shape in placed.model.shapes}
+    assert {link for pair in pairs if "ground" in pair for link in pair} - {"ground"} == shaped - pointed
+    assert bench.pairs == "none"
 
 
 def test_load_robot_names_load_scene_for_what_it_leaves_out(tmp_path):
@@ -227,6 +232,40 @@ def test_a_toml_file_names_robots_objects_and_obstacles(tmp_path):
     assert scene.obstacles[0].model.shapes[0].geometry == Box((0.8, 0.8, 0.02))
     assert scene.ground == Ground(0.8, steps=((0.5, 0.02),))
     assert scene.excluded == (("left/base", "cup/body"),)
+
+
+@pytest.mark.parametrize(
+    ("line", "pairs"),
+    [
+        ('pairs = "all"', "all"),
+        ('pairs = [["cup", "table"], ["left/base", "table"]]', (("cup", "table"), ("left/base", "table"))),
+        (
+            'pairs.select = [["cup", "table"]]\npairs.penetration = 1e-4\npairs.load = 2\npairs.max_points = 9',
+            PairContact([("cup", "table")], penetration=1e-4, load=2.0, max_points=9),
+        ),
+    ],
+)
+def test_a_toml_file_says_what_touches_what(tmp_path, line, pairs):
+    assert load_scene(written(tmp_path, f"{line}\n{TOML}", "kitchen.toml")).pairs == pairs
+    assert load_scene(written(tmp_path, TOML, "kitchen.toml")).pairs == "none"
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ('pairs = "some"', ["line 1", "'some'", '"all"']),
+        ('pairs = [["cup"]]', ["line 1", "['cup']", "pairs of names"]),
+        ('pairs = [["cup", "tabel"]]', ["'tabel'", "'table'"]),
+        ("pairs = 3", ["line 1", "3", "pairs of names"]),
+        ("pairs.penetration = -1", ["line 1", "penetration", "-1", "> 0"]),
+        ("pairs.max_points = 1.5", ["line 1", "max_points", "1.5", "whole number"]),
+        ("pairs.stiffness = 1", ["line 1", "'stiffness'", "penetration"]),
+    ],
+)
+def test_pairs_that_are_none_are_refused_by_line(tmp_path, line, says):
+    with pytest.raises(ValueError, match=r"kitchen\.toml: ") as error:
+        load_scene(written(tmp_path, f"{line}\n{TOML}", "kitchen.toml"))
+    assert all(word in str(error.value) for word in says), str(error.value)
 
 
 SIMTWO = """

@@ -261,6 +261,7 @@ def _files() -> Iterator[Call]:
             "mimic": "free",
             "repair_inertia": False,
             "package_dirs": (),
+            "srdf": None,
         },
     )
     shape = {"shape": fg.Box((0.1, 0.1, 0.1)), "mass": 1.0, "name": "crate", "base": "floating"}

@@ -19,7 +19,7 @@ from .actuators import Actuators, read_actuators
 from .causes import doubts, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
 from .sizes import check_sizes, documents_of
-from .touching import read_touching
+from .touching import collisions, links_apart, paired_geoms, read_touching
 from .tree import Tree, read_shapes, read_tree
 
 NAMELESS = "MuJoCo Model"  # what MuJoCo calls a file without a name
@@ -50,9 +50,12 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     shapes, left = read_shapes(m, tree, touching.friction)
     for sentence in (*notes(m, tree), *left, *touching.remarks, *actuators.remarks, *remarks):
         report.remark(sentence)
-    joints = actuators.joints
-    postures = postures_of(m, tree)
-    return Robot(name_of(m, path), tree.links, joints, shapes, tree.base, held_by(m, tree), actuators.servos, postures)
+    geoms = [g for g in touching.friction if tree.holds(m, int(m.geom_bodyid[g]))]
+    apart = links_apart([tree.bodies[m.geom_bodyid[g]] for g in geoms], collisions(m, geoms, paired_geoms(m)))
+    return Robot(
+        name_of(m, path), tree.links, actuators.joints, shapes, tree.base, held_by(m, tree), actuators.servos,
+        postures_of(m, tree), tuple(apart),
+    )  # fmt: skip
 
 
 def name_of(m: Any, path: Path) -> str:

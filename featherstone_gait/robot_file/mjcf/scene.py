@@ -18,6 +18,7 @@ from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ...model import Ground, HeightField, Joint
+from ...model.pair_contact import GROUND
 from ...model.placed import SEPARATOR, link_name
 from ...model.shapes import Shape
 from ..report import Report
@@ -27,7 +28,7 @@ from .causes import doubts, gravity_of, notes, refusals
 from .equalities import Line, couplings
 from .read import compiled, held_by, name_of, postures_of
 from .sizes import documents_of
-from .touching import FRICTIONLESS, excluded_bodies, meets
+from .touching import FRICTIONLESS, collisions, excluded_bodies, links_apart, meets, paired_geoms
 from .tree import GEOMS, HFIELD, PLANE, Tree, geometry_of, moving_trees, names_of, top_bodies, tree_at, unused, vector
 
 NO_CONTACT = 1 << 4  # mjtDisableBit, of <flag>
@@ -201,7 +202,7 @@ def _solids(m: Any, floor: int | None, stated: bool, report: Report) -> Solids:
 
     stated: whether the file states a friction of a <pair>.
     """
-    paired = {(int(one), int(two)) for one, two in zip(m.pair_geom1, m.pair_geom2)}
+    paired = paired_geoms(m)
     alone = {g for pair in paired for g in pair}
     names = names_of(m, "geom", m.ngeom)
     shapes: dict[int, Shape] = {}
@@ -220,7 +221,7 @@ def _solids(m: Any, floor: int | None, stated: bool, report: Report) -> Solids:
     friction = {g: mu for g in shapes if m.body_weldid[m.geom_bodyid[g]] for mu in _on_floor(m, g, floor, stated)}
     for g, mu in friction.items():
         shapes[g] = replace(shapes[g], friction=mu)
-    return Solids(shapes, friction, _collisions(m, [*shapes], paired))
+    return Solids(shapes, friction, collisions(m, [*shapes], paired))
 
 
 def _on_floor(m: Any, g: int, floor: int | None, stated: bool) -> Iterator[float | None]:
@@ -246,28 +247,12 @@ def _on_floor(m: Any, g: int, floor: int | None, stated: bool) -> Iterator[float
     yield None if mu == float(m.geom_friction[floor, 0]) else mu
 
 
-def _collisions(m: Any, geoms: list[int], paired: set[tuple[int, int]]) -> np.ndarray:
-    """Return which geoms (n, n) may touch each other by contype and conaffinity, <exclude> and <pair>."""
-    kind, affinity, body = (x[geoms] for x in (m.geom_contype, m.geom_conaffinity, m.geom_bodyid))
-    found = (kind[:, None] & affinity) != 0
-    found |= found.T
-    for one, two in excluded_bodies(m):
-        found[np.ix_(body == one, body == two)] = False
-    row = {g: k for k, g in enumerate(geoms)}
-    for one, two in paired:
-        if one in row and two in row:
-            found[row[one], row[two]] = found[row[two], row[one]] = True
-    return found
-
-
 def _excluded(solids: Solids, owners: Mapping[int, str], still: list[str]) -> list[tuple[str, str]]:
-    """Return the pairs of links that never touch, without those of two obstacles."""
-    links = list(dict.fromkeys(owners[g] for g in solids.shapes))
-    belongs = np.array([[owners[g] == link for g in solids.shapes] for link in links]).reshape(len(links), -1)
-    touch = belongs.astype(float) @ solids.collide.astype(float) @ belongs.T.astype(float) > 0
-    moves = np.array([link not in set(still) for link in links], bool)
-    one, two = np.nonzero(np.triu(~touch & (moves[:, None] | moves), 1)) if links else ((), ())
-    return [(links[i], links[j]) for i, j in zip(one, two)]
+    """Return the pairs of links that never touch, without those of two obstacles, and links that touch no ground."""
+    apart = links_apart([owners[g] for g in solids.shapes], solids.collide)
+    low = {owners[g] for g in solids.friction}
+    high = [link for link in dict.fromkeys(owners[g] for g in solids.shapes) if link not in {*still, *low}]
+    return [*(pair for pair in apart if not {*pair} <= {*still}), *((link, GROUND) for link in high)]
 
 
 # ---------------------------------------------------------------------------------------------- ground

@@ -48,9 +48,7 @@ def read_touching(m: Any, tree: Tree, stated: bool) -> Touching:
             others.append(m.pair(k).name or str(k))
     for g, pairs in by_pair.items():
         friction[g] = _friction(m, pairs[0], stated)
-    remarks = [f"skipped <pair> {quoted(others)} of two links: links touch the ground alone"] if others else []
-    within = sum(not {_body(m, floor), 0} & set(bodies) for bodies in excluded) // 2
-    remarks += [f"skipped {within} <exclude>: links touch the ground alone"] if within else []
+    remarks = [f"skipped the numbers in <pair> {quoted(others)} of two links"] if others else []
     remarks += _by_pair(m, {g: friction[g] for g in by_pair})
     remarks += _unread(m, [g for g in friction if g not in by_pair])
     return Touching(friction, list(_doubts(m, by_pair, stated)), remarks)
@@ -92,6 +90,34 @@ def excluded_bodies(m: Any) -> set[tuple[int, int]]:
     """Return the bodies that each <exclude> names, in either order."""
     found = [divmod(int(signature), 1 << 16) for signature in m.exclude_signature]
     return {*found, *((two, one) for one, two in found)}
+
+
+def paired_geoms(m: Any) -> set[tuple[int, int]]:
+    """Return the geoms that each <pair> names."""
+    return {(int(one), int(two)) for one, two in zip(m.pair_geom1, m.pair_geom2)}
+
+
+def collisions(m: Any, geoms: list[int], paired: set[tuple[int, int]]) -> np.ndarray:
+    """Return which geoms (n, n) may touch each other by contype and conaffinity, <exclude> and <pair>."""
+    kind, affinity, body = (x[geoms] for x in (m.geom_contype, m.geom_conaffinity, m.geom_bodyid))
+    found = (kind[:, None] & affinity) != 0
+    found |= found.T
+    for one, two in excluded_bodies(m):
+        found[np.ix_(body == one, body == two)] = False
+    row = {g: k for k, g in enumerate(geoms)}
+    for one, two in paired:
+        if one in row and two in row:
+            found[row[one], row[two]] = found[row[two], row[one]] = True
+    return found
+
+
+def links_apart(owners: list[str], collide: np.ndarray) -> list[tuple[str, str]]:
+    """Return the pairs of links of which no geoms touch; owners: the link of each geom; collide (n, n): which do."""
+    links = list(dict.fromkeys(owners))
+    belongs = np.array([[owner == link for owner in owners] for link in links], float).reshape(len(links), len(owners))
+    touch = belongs @ collide.astype(float) @ belongs.T > 0
+    one, two = np.nonzero(np.triu(~touch, 1))
+    return [(links[i], links[j]) for i, j in zip(one, two)]
 
 
 def _friction(m: Any, pair: int, stated: bool) -> float | None:

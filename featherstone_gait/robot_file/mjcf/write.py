@@ -53,7 +53,7 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
             for name, (leader, b, a) in ((name, astuple(mimic)) for name, mimic in couplings)
             for line in element("joint", {"joint1": name, "joint2": leader, "polycoef": (a, b, 0, 0, 0)})
         ],
-        "contact": pair_lines(model, ground),
+        "contact": [*pair_lines(model, ground), *_exclude_lines(model)],
         "actuator": actuators,
         "keyframe": _key_lines(model),
     }
@@ -131,6 +131,15 @@ def _child_lines(model: Model, joint: Joint, inertias: Inertials) -> list[str]:
     link = chain[-1].child
     attributes = {"name": _body_name(model, link), "pos": xyz, "euler": rpy, "gravcomp": _borne(model, link)}
     return element("body", attributes, [*joints, *_inside(model, link, inertias)])
+
+
+def _exclude_lines(model: Model) -> list[str]:
+    """Write which bodies do not touch each other."""
+    written = {link.name: _body_name(model, link.name) for link in model.links if not _is_frame(model, link.name)}
+    if _is_world(model):
+        written[model.root] = WORLD
+    pairs = ((written[a], written[b]) for a, b in model.excluded if a in written and b in written)
+    return [line for a, b in pairs for line in element("exclude", {"body1": a, "body2": b})]
 
 
 def _borne(model: Model, link: str) -> float | None:
