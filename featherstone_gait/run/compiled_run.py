@@ -32,6 +32,7 @@ from ..scene.compile import CompiledScene
 from ..scene.tree import check_followers
 from .interrupt import Kernel, call_interruptibly, ensure_compiled
 from .lane_constants import has_varying, merge, structure, with_own_memory, write_lane
+from .overlap import tell_overlaps
 from .program import CompiledController
 from .reference import LATEST, Reference
 from .start import checked_state, initial_state, what_is_loose_at, with_first_error
@@ -99,6 +100,7 @@ class CompiledRun:
         loose = what_is_loose_at(scene, y)
         if loose is not None:
             raise ValueError(f"{scene.model.name}: {loose}, or start in another posture: state=initial_state(scene, q)")
+        tell_overlaps(scene, y)
         follows = scene.constants.actuator is not None or self.torques_written
         if reference is not None and not follows:
             remedy = "compile the scene with gearbox=..., or give torques as tau="

@@ -22,6 +22,7 @@ NO_CALLS = {
         "Coupling",
         "Poses",
         "IKResult",
+        "OverlapWarning",
         "Discontinuity",
         "Linearization",
         "RobotFileError",
@@ -208,6 +209,8 @@ def _scenes() -> Iterator[Call]:
     touching = {"model": replace(company(), pairs="all"), "pairs": [["arm", "ball/body"]], "timestep": 1e-3}
     yield Call("compile_scene", fg.compile_scene, touching)
     yield Call("initial_state", fg.initial_state, {"scene": both, "q": {"ball": [0, 0, 1, 1, 0, 0, 0]}, "qd": {}})
+    close = fg.compile_scene(replace(company(), pairs="all"), timestep=1e-3)
+    yield Call("overlaps", fg.overlaps, {"scene": close, "state": fg.initial_state(close)})
     yield Call("Push", lambda **push: fg.simulate(driven, 0.01, pushes=[fg.Push(**push)]), push[0]._asdict(), True)
     begin = {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "allow_limit_violation": False}
     yield Call("initial_state", fg.initial_state, begin)

@@ -1,0 +1,135 @@
+"""Find bodies that overlap in a state, and tell of them where a run starts."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import instance
+from ..base.fixed_order import applied, product, total
+from ..base.rotation import rotation_from_quaternion
+from ..core.effects.pair import Pairs
+from ..core.tree.distance import Room, Shapes, pair_distances
+from ..model.numpy_dynamics import link_poses
+from ..scene.compile import CompiledScene
+from ..scene.forest import named
+from .start import checked_state, initial_state
+from .trajectory import Trajectory
+
+AT_REST = 2.0  # times the depth at which bodies rest: what lies deeper is told
+SHOWN = 5  # pairs in a message
+
+
+class OverlapWarning(UserWarning):
+    """Bodies that can touch each other overlap where a run starts."""
+
+
+def overlaps(
+    scene: CompiledScene, state: ArrayLike | Trajectory | None = None
+) -> list[tuple[tuple[str, str], float]]:
+    """Compute how deep bodies that can touch each other overlap in a state.
+
+    Parameters
+    ----------
+    scene : CompiledScene
+        A scene with `pairs`.
+    state : array_like or Trajectory, optional
+        The state (length,), or a trajectory, whose end it is.  None: where all members stand first.
+
+    Returns
+    -------
+    list of ((str, str), float)
+        Each two links that overlap, the deepest first, and the way [m] that they must move to part; of cylinders it is
+        at most that.  The ground is left out.
+
+    Raises
+    ------
+    ValueError
+        For what is no state of the scene.
+    """
+    instance("scene", scene, CompiledScene, "give what compile_scene returns")
+    pairs, y = scene.touching.table, initial_state(scene) if state is None else checked_state(scene, state)
+    if pairs is None:
+        return []
+    depth = _depths(scene, pairs, y)
+    deepest: dict[tuple[str, str], float] = {}
+    for k in np.flatnonzero(depth > 0.0):
+        names = scene.pairs[k]
+        deepest[names] = max(deepest.get(names, 0.0), float(depth[k]))
+    return sorted(deepest.items(), key=lambda found: -found[1])
+
+
+def tell_overlaps(scene: CompiledScene, y: np.ndarray) -> None:
+    """Warn of bodies that overlap in the first state (length,) of a run by more than they do at rest.
+
+    Raises ValueError where one lies so deep in another that it may be pushed out on the far side.
+    """
+    pairs = scene.touching.table
+    if pairs is None or y[scene.layout["end_time"]] > 0:  # the run goes on
+        return
+    depth, half = _depths(scene, pairs, y), _half_sizes(pairs.shapes)
+    lost = depth > np.minimum(half[pairs.pairs.a], half[pairs.pairs.b])
+    if lost.any():
+        raise ValueError(
+            f"{scene.model.name}: bodies overlap at the start by more than half of the smaller one: "
+            f"{_listed(scene, depth, lost)}; move them apart, or leave the pair out (excluded=, or pairs= of names)"
+        )
+    deep = depth > AT_REST * pairs.margin
+    if deep.any():
+        text = f"{scene.model.name}: bodies overlap at the start, and are pushed apart: {_listed(scene, depth, deep)}"
+        warnings.warn(text, OverlapWarning, stacklevel=3)
+
+
+def _listed(scene: CompiledScene, depth: np.ndarray, which: np.ndarray) -> str:
+    """Name some of the pairs, the deepest first."""
+    rows = [k for k in np.argsort(-depth, kind="stable") if which[k]]
+    found = [f"{' and '.join(map(repr, scene.pairs[k]))} by {depth[k]:.3g} m" for k in rows[:SHOWN]]
+    return ", ".join([*found, *([f"{len(rows) - SHOWN} more"] if len(rows) > SHOWN else [])])
+
+
+def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray) -> np.ndarray:
+    """Compute how deep the shapes of each pair (pairs,) overlap [m]; 0 of those that are apart, and of the ground."""
+    (rotation, position), table = _body_poses(scene, y), pairs.shapes.table
+    center = position[table.link] + applied(rotation[table.link], table.r)
+    both = np.stack([pairs.pairs.a, pairs.pairs.b], axis=1)
+    apart = center[both[:, 0]] - center[both[:, 1]]
+    reach = table.bound[both].sum(axis=1)
+    near = np.flatnonzero((total(apart * apart) < reach * reach) & np.isfinite(reach))
+    distance, depth = np.zeros(len(near)), np.zeros(len(both))
+    if len(near):
+        n = len(table)
+        room = Room(np.zeros((n, 9)), np.zeros((n, 3)), np.zeros((4, 3)))
+        pair_distances(pairs.shapes, room, np.ascontiguousarray(both[near]), rotation, position, distance)
+    depth[near] = np.maximum(-distance, 0.0)
+    return depth
+
+
+def _body_poses(scene: CompiledScene, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute rotation (n + 1, 3, 3) and origin (n + 1, 3) [m] in the world of all bodies, and of the world itself."""
+    bases = y[slice(*scene.part("base_q"))].reshape(-1, 7)
+    rotation = np.tile(np.eye(3), (len(scene.tree.bodies) + 1, 1, 1))
+    position = np.zeros((len(rotation), 3))
+    for member, base in zip(scene.members, bases):
+        model, own = member.model, member.scene
+        joints = scene.state_of(member.name, y)[slice(*own.part("q"))]
+        still = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
+        poses = link_poses(model, np.array([*still, *joints]))
+        turn = rotation_from_quaternion(base[3:] / np.sqrt(total(base[3:] * base[3:])))
+        for link, E, r in zip(model.links, poses.rotation, poses.position):
+            place = scene.tree.placements[named(member, link.name)]
+            rotation[place.row] = E = product(product(turn, E), place.E.T)
+            position[place.row] = base[:3] + applied(turn, r) - applied(E, place.r)
+    return rotation, position
+
+
+def _half_sizes(shapes: Shapes) -> np.ndarray:
+    """Return half of the least extent of each shape along its axes (n,) [m]."""
+    found = np.full(len(shapes.table), np.inf)
+    for k, row in enumerate(shapes.table):
+        half = row.half + row.disc * np.array([1.0, 1.0, 0.0])
+        if row.corners > 0:
+            half = 0.5 * np.ptp(shapes.corners[row.first : row.first + row.corners], axis=0)
+        found[k] = row.radius + half.min()
+    return found
