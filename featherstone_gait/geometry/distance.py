@@ -13,6 +13,7 @@ cylinders, of which it is at most so.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,20 @@ from ..base.brief import brief
 from ..base.fixed_order import applied
 from ..base.rotation import rotation_from_rpy
 from ..core.compile.elementary import SINCOS_LIMIT
-from ..core.tree.distance import SHAPE, Room, Shapes, least_distances, pair_distances
+from ..core.tree.distance import (
+    BOX,
+    CYLINDER,
+    HALF_SPACE,
+    HULL,
+    POINT,
+    SEGMENT,
+    SHAPE,
+    Room,
+    Shapes,
+    least_distances,
+    pair_distances,
+)
+from ..core.tree.patch import Bench
 from ..dynamics import Poses, check_model, forward_kinematics
 from ..model import Model, rigid_bodies
 from ..model.rest_posture import nearest_posture
@@ -30,6 +44,7 @@ from ..model.shapes import Box, Capsule, Cylinder, Shape, Sphere
 from ..scene.records import records
 from .contact_choice import corner_error, local_corners
 from .hull import Sides, sides
+from .polytope import Polytope, box, hull, segment
 
 
 class Clearance(NamedTuple):
@@ -150,34 +165,80 @@ def _room(shapes: Shapes) -> Room:
 @functools.lru_cache(maxsize=64)
 def shape_table(model: Model) -> Shapes:
     """Lay the shapes of a robot out for the kernels."""
-    table = records(len(model.shapes), SHAPE)
+    return shape_tables(model.shapes, [model.link_rows[shape.link] for shape in model.shapes])
+
+
+class HalfSpace(NamedTuple):
+    """All that lies below the plane z = 0 of a frame."""
+
+    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def shape_tables(shapes: Sequence[Shape | HalfSpace], links: Sequence[int]) -> Shapes:
+    """Lay shapes out for the kernels; links: the row of the link that carries each."""
+    table = records(len(shapes), SHAPE)
     corners, normals, edges = ([np.zeros((0, 3))] for _ in range(3))
+    polytopes = [segment(0.0)]
     row: Any
-    for row, shape in zip(table, model.shapes):
-        row.link, row.E = model.link_rows[shape.link], rotation_from_rpy(shape.rpy).ravel()
+    for row, shape, link in zip(table, shapes, links):
+        row.link, row.E = link, rotation_from_rpy(shape.rpy).ravel()
         row.first, row.first_normal, row.first_edge = (sum(map(len, part)) for part in (corners, normals, edges))
         more = _fill(row, shape)
-        hull = sides(more) if len(more) else Sides(more, more)
-        row.corners, row.normals, row.edges = len(more), len(hull.normals), len(hull.edges)
-        corners.append(more)
-        normals.append(hull.normals)
-        edges.append(hull.edges)
-    return Shapes(table, *(np.concatenate(part) for part in (corners, normals, edges)))
+        of_hull = sides(more) if len(more) else Sides(more, more)
+        row.corners, row.normals, row.edges = len(more), len(of_hull.normals), len(of_hull.edges)
+        polytope = _polytope(row, more)
+        row.first_vertex, row.vertices = row.first, len(polytope.vertices)
+        row.first_face, row.faces = sum(len(each.planes) for each in polytopes), len(polytope.planes)
+        row.first_side, row.sides = sum(len(each.sides) for each in polytopes), len(polytope.sides)
+        start = sum(len(each.around) for each in polytopes)
+        polytopes.append(polytope._replace(loops=polytope.loops + np.array([[start, 0]])))
+        corners.append(polytope.vertices)
+        normals.append(of_hull.normals)
+        edges.append(of_hull.edges)
+    return Shapes(
+        table,
+        *(np.concatenate(part) for part in (corners, normals, edges)),
+        *(np.concatenate(part) for part in list(zip(*polytopes))[1:]),
+    )
 
 
-def _fill(row: Any, shape: Shape) -> np.ndarray:
+def contact_bench(shapes: Shapes) -> Bench:
+    """Make the scratch arrays that contact of any two of these shapes needs."""
+    vertices, sides = (max(int(shapes.table[name].max(initial=1)), 1) for name in ("vertices", "sides"))
+    return Bench(
+        np.zeros((4, 3)),
+        np.zeros((4, 3)),
+        np.zeros((2, vertices, 3)),
+        np.zeros((2, 2 * vertices + 16, 6)),
+        np.zeros((2, sides), np.int64),
+    )
+
+
+def _polytope(row: Any, corners: np.ndarray) -> Polytope:
+    """Return the polytope of a core that is one; a cylinder or a half space has the point of its center."""
+    if row.kind == HULL:
+        return hull(corners)
+    return box(row.half) if row.kind == BOX else segment(row.half[2] if row.kind == SEGMENT else 0.0)
+
+
+def _fill(row: Any, shape: Shape | HalfSpace) -> np.ndarray:
     """Write a shape's sizes and place; return the corners (n, 3) of a hull about its center [m], else none."""
     corners, center = np.zeros((0, 3)), np.zeros(3)
+    if isinstance(shape, HalfSpace):
+        row.kind, row.r, row.bound = HALF_SPACE, shape.xyz, np.inf
+        return corners
     match shape.geometry:
         case Sphere(radius):
-            row.radius = radius
+            row.kind, row.radius = POINT, radius
         case Capsule(radius, length):
-            row.radius, row.half = radius, (0.0, 0.0, 0.5 * length)
+            row.kind, row.radius, row.half = SEGMENT if length > 0.0 else POINT, radius, (0.0, 0.0, 0.5 * length)
         case Cylinder(radius, length):
-            row.disc, row.half = radius, (0.0, 0.0, 0.5 * length)
+            row.kind, row.disc, row.half = CYLINDER if radius > 0.0 else SEGMENT, radius, (0.0, 0.0, 0.5 * length)
         case Box(size):
-            row.half = 0.5 * np.array(size)
+            row.kind, row.half = BOX, 0.5 * np.array(size)
         case _:
+            row.kind = HULL
             corners, row.radius = local_corners(shape), corner_error(shape)
             center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
             corners = corners - center

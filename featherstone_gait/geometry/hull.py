@@ -54,7 +54,7 @@ def hull_indices(x: np.ndarray) -> np.ndarray:
     """Return sorted indices of points (n, 3) that are corners of their convex hull, in their plane if they are flat."""
     from scipy.spatial import ConvexHull
 
-    flat = _flattened(x)
+    flat = flattened(x)
     if flat.shape[1] == 0:
         return np.array([0])
     if flat.shape[1] == 1:
@@ -73,7 +73,7 @@ def sides(x: np.ndarray) -> Sides:
     """Compute faces and edges of the convex hull of points (n, 3); both sides of flat ones, the direction of a line."""
     from scipy.spatial import ConvexHull
 
-    flat = _flattened(x)
+    flat = flattened(x)
     if flat.shape[1] == 3:
         hull = ConvexHull(x)
         around = x[hull.simplices]
@@ -92,7 +92,7 @@ def hull_triangles(x: np.ndarray) -> np.ndarray:
     """
     from scipy.spatial import ConvexHull
 
-    if _flattened(x).shape[1] < 3:
+    if flattened(x).shape[1] < 3:
         return np.zeros((0, 3), int)
     return np.unique(np.sort(ConvexHull(x).simplices, axis=1), axis=0)
 
@@ -109,7 +109,7 @@ def _once(directions: np.ndarray) -> np.ndarray:
     return np.unique(directions.round(DIGITS), axis=0)
 
 
-def _flattened(x: np.ndarray) -> np.ndarray:
+def flattened(x: np.ndarray) -> np.ndarray:
     """Express points in as many coordinates as they fill: themselves, or those in their plane or along their line."""
     centered = x - x.mean(axis=0)
     extent = np.abs(centered).max()
@@ -152,7 +152,7 @@ def _outside(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Compute the distance of points (n, 3) from the hull of corners, inside which none of them lies [m]."""
     from scipy.spatial import ConvexHull
 
-    flat = _flattened(corners)
+    flat = flattened(corners)
     hull = ConvexHull(flat)
     first, *others = hull.vertices
     fan = [(first, a, b) for a, b in pairwise(others)]  # of triangles, that fills a hull in a plane

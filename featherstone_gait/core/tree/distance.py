@@ -34,8 +34,16 @@ SHAPE = record(
     half=(float, 3),  # half edges of the box in the core [m]
     disc=float,  # radius of the disc about z in the core [m]
     radius=float,  # of the ball [m]
-    bound=float,  # radius of a sphere about the center that holds all of the shape [m]
+    bound=float,  # radius of a sphere about the center that holds all of the shape [m]; inf of a half space
+    kind=int,  # one of those below
+    first_vertex=int,  # of a point, segment, box or hull, among the corners
+    vertices=int,
+    first_face=int,
+    faces=int,
+    first_side=int,  # of its edges from vertex to vertex
+    sides=int,
 )
+POINT, SEGMENT, BOX, HULL, CYLINDER, HALF_SPACE = range(6)  # the core; a half space is what lies below z = 0
 
 
 @structure
@@ -43,9 +51,13 @@ class Shapes(NamedTuple):
     """The shapes of a robot."""
 
     table: np.ndarray  # (shapes,) SHAPE
-    corners: np.ndarray  # (all, 3) of the hulls, about the center of each, in its axes [m]
+    corners: np.ndarray  # (all, 3) of the hulls and vertices of the others, about the center of each, in its axes [m]
     normals: np.ndarray  # (all, 3) of the faces of the hulls
     edges: np.ndarray  # (all, 3) directions of the edges of the hulls
+    planes: np.ndarray  # (all, 4) outward unit normal of each face and its distance from the center [m]
+    loops: np.ndarray  # (all, 2) of each face: its first row in `around`, and how many it has
+    around: np.ndarray  # (all, 2) vertices of a face, counterclockwise from outside, and the side from each to the next
+    sides: np.ndarray  # (all, 2) the two vertices of each side
 
 
 @structure
@@ -84,7 +96,7 @@ def support(shape, corners, u):
 
 
 @kernel
-def _difference(a, b, Ea, Eb, c, corners, u):
+def difference(a, b, Ea, Eb, c, corners, u):
     """Return the farthest point of core a less core b in the direction u; c from a's center to b's, world axes."""
     pa = rotate(Ea, support(a, corners, rotate_back(Ea, u)))
     pb = rotate(Eb, support(b, corners, rotate_back(Eb, scale(u, -1.0))))
@@ -92,7 +104,7 @@ def _difference(a, b, Ea, Eb, c, corners, u):
 
 
 @kernel
-def _on_edge(p, q):
+def on_edge(p, q):
     """Return the weight of the point of an edge nearest to the origin, and whether it lies between the ends."""
     d = sub(q, p)
     length = dot(d, d)
@@ -116,7 +128,7 @@ def _inside(p, q, r, s):
 
 
 @kernel
-def _nearest(S, count):
+def nearest_in_simplex(S, count):
     """Return the point (3) of the simplex S (count of 4 rows) nearest to the origin, and its rows, as bits."""
     v, least, used = (0.0, 0.0, 0.0), inf, 0
     for i in range(count):
@@ -125,7 +137,7 @@ def _nearest(S, count):
             v, least, used = p, dot(p, p), 1 << i
     for i in range(count):
         for j in range(i + 1, count):
-            t, between = _on_edge(vector(S[i]), vector(S[j]))
+            t, between = on_edge(vector(S[i]), vector(S[j]))
             p = add(vector(S[i]), scale(sub(vector(S[j]), vector(S[i])), t))
             if between and dot(p, p) < least:
                 v, least, used = p, dot(p, p), (1 << i) | (1 << j)
@@ -156,7 +168,7 @@ def _nearer_face(S, without, v, least, used):
 
 
 @kernel
-def _kept(S, used):
+def keep_rows(S, used):
     """Move the rows of S that are used to its beginning; return how many they are."""
     count = 0
     for i in range(4):
@@ -173,45 +185,46 @@ def core_distance(a, b, Ea, Eb, c, corners, S):
     Ea, Eb: rotations shape -> world; c: from the center of a to that of b, world axes [m].
     """
     size = a.bound + b.bound
-    v = _difference(a, b, Ea, Eb, c, corners, c)
+    v = difference(a, b, Ea, Eb, c, corners, c)
     store3(S, 0, 0, v)
     count = 1
     for _ in range(PASSES):
         square = dot(v, v)
         if count == 4 or square <= (TOUCH * size) ** 2:
             return 0.0
-        w = _difference(a, b, Ea, Eb, c, corners, scale(v, -1.0))
+        w = difference(a, b, Ea, Eb, c, corners, scale(v, -1.0))
         if square - dot(v, w) <= GAP * square:
             break
         store3(S, count, 0, w)
-        nearer, used = _nearest(S, count + 1)
+        nearer, used = nearest_in_simplex(S, count + 1)
         if not (dot(nearer, nearer) < square):
             break
-        v, count = nearer, _kept(S, used)
+        v, count = nearer, keep_rows(S, used)
     return sqrt(dot(v, v))
 
 
 @kernel
-def _overlap(a, b, Ea, Eb, c, corners, u):
+def overlap(a, b, Ea, Eb, c, corners, u):
     """Return the lesser overlap of cores a and b along u or -u [m]; inf if u is no direction."""
     square = dot(u, u)
     if not square > LEAST_SQUARE:
         return inf
     u = scale(u, 1.0 / sqrt(square))
     back = scale(u, -1.0)
-    there = dot(_difference(a, b, Ea, Eb, c, corners, u), u)
-    return min(there, dot(_difference(a, b, Ea, Eb, c, corners, back), back))
+    there = dot(difference(a, b, Ea, Eb, c, corners, u), u)
+    return min(there, dot(difference(a, b, Ea, Eb, c, corners, back), back))
 
 
 @kernel
-def _column(E, k):
+def column(E, k):
+    """Return axis k of a rotation."""
     return (E[k], E[3 + k], E[6 + k])
 
 
 @kernel
 def _direction(E, directions, first, count, k):
     """Return direction k of a hull's faces or edges, world axes; of other shapes an axis of the frame."""
-    return rotate(E, vector(directions[first + k])) if count > 0 else _column(E, k)
+    return rotate(E, vector(directions[first + k])) if count > 0 else column(E, k)
 
 
 @kernel
@@ -221,28 +234,28 @@ def core_depth(a, b, Ea, Eb, c, shapes, enough):
     Of discs it is at least that.  A result that is not above `enough` may be any other that is not.
     """
     corners, normals, edges = shapes.corners, shapes.normals, shapes.edges
-    p, q = _column(Ea, 2), _column(Eb, 2)
-    least = _overlap(a, b, Ea, Eb, c, corners, c)
-    least = min(least, _overlap(a, b, Ea, Eb, c, corners, sub(c, scale(p, dot(p, c)))))
-    least = min(least, _overlap(a, b, Ea, Eb, c, corners, sub(c, scale(q, dot(q, c)))))
+    p, q = column(Ea, 2), column(Eb, 2)
+    least = overlap(a, b, Ea, Eb, c, corners, c)
+    least = min(least, overlap(a, b, Ea, Eb, c, corners, sub(c, scale(p, dot(p, c)))))
+    least = min(least, overlap(a, b, Ea, Eb, c, corners, sub(c, scale(q, dot(q, c)))))
     for k in range(a.normals if a.normals > 0 else 3):
         u = _direction(Ea, normals, a.first_normal, a.normals, k)
-        least = min(least, _overlap(a, b, Ea, Eb, c, corners, u))
+        least = min(least, overlap(a, b, Ea, Eb, c, corners, u))
     for k in range(b.normals if b.normals > 0 else 3):
         u = _direction(Eb, normals, b.first_normal, b.normals, k)
-        least = min(least, _overlap(a, b, Ea, Eb, c, corners, u))
+        least = min(least, overlap(a, b, Ea, Eb, c, corners, u))
     for i in range(a.edges if a.edges > 0 else 3):
         if least <= enough:
             break
         u = _direction(Ea, edges, a.first_edge, a.edges, i)
         for j in range(b.edges if b.edges > 0 else 3):
             v = _direction(Eb, edges, b.first_edge, b.edges, j)
-            least = min(least, _overlap(a, b, Ea, Eb, c, corners, cross(u, v)))
+            least = min(least, overlap(a, b, Ea, Eb, c, corners, cross(u, v)))
     return max(least, 0.0)
 
 
 @kernel
-def _place(shapes, room, rotation, position):
+def place(shapes, room, rotation, position):
     """Put all shapes where the rotations (links, 3, 3) and positions (links, 3) of the links have them."""
     for i in range(len(shapes.table)):
         at = shapes.table[i]
@@ -250,7 +263,7 @@ def _place(shapes, room, rotation, position):
             row = vector(rotation[at.link, x])
             room.r[i, x] = position[at.link, x] + dot(row, vector(at.r))
             for y in range(3):
-                room.E[i, 3 * x + y] = dot(row, _column(at.E, y))
+                room.E[i, 3 * x + y] = dot(row, column(at.E, y))
 
 
 @kernel
@@ -280,7 +293,7 @@ def pair_distances(shapes, room, pairs, rotation, position, out):
 
     rotation (links, 3, 3) and position (links, 3) [m] of the links in the world.
     """
-    _place(shapes, room, rotation, position)
+    place(shapes, room, rotation, position)
     for k in range(len(pairs)):
         out[k] = _distance(shapes, room, pairs[k, 0], pairs[k, 1], inf)
 
@@ -292,7 +305,7 @@ def least_distances(shapes, room, pairs, rotation, position, out, closest):
     rotation (n, links, 3, 3) and position (n, links, 3) [m] of the links in the world.
     """
     for n in range(len(out)):
-        _place(shapes, room, rotation[n], position[n])
+        place(shapes, room, rotation[n], position[n])
         out[n] = inf
         for k in range(len(pairs)):
             i, j = pairs[k, 0], pairs[k, 1]
