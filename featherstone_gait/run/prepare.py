@@ -67,10 +67,11 @@ def prepare(
 def least_step(scene: CompiledScene) -> float:
     """Return the shortest step that error control may take [s].
 
-    On ground it is the method's: ground that asks for less would keep a run busy for hours.
+    Where anything touches it is the method's: contact that asks for less would keep a run busy for hours.
     """
     least = scene.method.least_step
-    return least if scene.ground is not None else min(least, LEAST_SHARE * scene.preflight.sliding_step)
+    touches = scene.ground is not None or scene.touching.table is not None
+    return least if touches else min(least, LEAST_SHARE * scene.preflight.sliding_step)
 
 
 def budget(seconds: float) -> float:

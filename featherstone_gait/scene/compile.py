@@ -32,8 +32,8 @@ from .forest import Member, joined_constants, joined_model, joined_preflight, jo
 from .friction import Friction, build_friction, sticks
 from .joint_spring import build_joint_springs, fold_joint_springs
 from .options import SceneOptions, check_options
-from .pairs import NOTHING, Touching, build_pairs
-from .preflight import STIFF, Preflight, preflight
+from .pairs import NOTHING, Touching, build_pairs, limited
+from .preflight import STIFF, Preflight, implicit_reason, preflight
 from .stop import build_stops
 from .tree import GRAVITY, Tree, compile_tree
 
@@ -106,7 +106,8 @@ class CompiledScene:
         driven = f"{self.gearbox} servos" if self.gearbox else "no servos"
         under = "no ground" if self.ground is None else f"ground of friction {self.ground.friction:g}"
         step = self.integrator if self.adaptive else f"{self.integrator} at {self.timestep:g} s"
-        return f"<scene of {name}: {joints}, {driven}, {under}, {len(self.springs)} springs, {step}>"
+        between = f"{len(self.pairs)} pairs" if self.pairs else f"{len(self.springs)} springs"
+        return f"<scene of {name}: {joints}, {driven}, {under}, {between}, {step}>"
 
     servos = deprecated.attribute("servos", "gearbox")
 
@@ -433,6 +434,9 @@ def _compile_members(
     touching, tree = build_pairs(members, obstacles, excluded, joined_tree(members), options)
     constants = joined_constants(members, tree)
     check = joined_preflight(members, first._replace(timestep=step, named=given.integrator is not None))
+    check = limited(check, touching, tree)
+    if given.integrator != options.integrator:
+        check = check._replace(reason=implicit_reason(check))
     gearboxes = [member.scene.gearbox for member in members if member.scene.gearbox is not None]
     scenes = [member.scene for member in members]
     return CompiledScene(

@@ -9,7 +9,8 @@ without contact points touch the ground with their shapes.
 penetration), and Hunt and Crossley's damping d = 2 zeta / sqrt(g penetration), as points on the ground have (see
 contact.py).  m is the stated load, else the mass of the heavier of the two trees, without a root that is fixed; N is 1
 for spheres, 2 for capsules, 4 else.  The tangential damping is that of the reduced mass of the two.  The coefficient of
-friction is the geometric mean of those of the two shapes, in place of which the scene's stands where one has none.
+friction is the geometric mean of those of the two shapes, in place of which the scene's stands where one has none.  On
+the ground a shape has the numbers that a point of its link would have.
 """
 
 from __future__ import annotations
@@ -23,20 +24,24 @@ import numpy as np
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, Pairs
-from ..core.tree.distance import SHAPE, Shapes
-from ..geometry.distance import meeting_shapes, shape_table
+from ..core.tree.distance import Shapes
+from ..geometry.distance import HalfSpace, meeting_shapes, shape_tables
 from ..model import Ground, Joint
-from ..model.pair_contact import ALL, PairContact
+from ..model.pair_contact import ALL, GROUND, PairContact
 from ..model.placed import SEPARATOR, Placed, link_name
-from ..model.shapes import Capsule, Sphere
+from ..model.shapes import Capsule, Shape, Sphere
+from .contact import plane_axes
 from .forest import Member, named, shifts
 from .options import SceneOptions
+from .preflight import Limit, Preflight
 from .records import records
 from .tree import GRAVITY, Tree
 
 WORLD = -1  # the tree of what never moves
 FAR = 1e6  # way of a sliding joint without limits [m]
 BEYOND = 1.1  # how far a sliding joint goes, of its limits: stops give way
+CARRYING = 4  # of the points of two shapes, at most
+LIGHTEST = 1e-300  # [kg]
 LEAST_POINTS = 32  # of the pool
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
 EARTH = math.sqrt(sum(g * g for g in GRAVITY))  # in place of no gravity [m/s^2]
@@ -71,17 +76,22 @@ class Solid(NamedTuple):
     tree: int  # number of the tree, or WORLD
     body: int  # row of the body, or one beyond all of them
     moves: bool
-    kind: type
-    friction: float | None
-    on_points: bool  # its link touches the ground with points, or not at all
+    shape: Shape | HalfSpace
+    E: np.ndarray  # rotation (3, 3) of the shape's link in the frame of the body, or in the world
+    r: np.ndarray  # its origin there (3,) [m]
+    on_points: bool = True  # its link touches the ground with points, or not at all
+
+    @property
+    def kind(self) -> type:
+        """What shape it is."""
+        return HalfSpace if isinstance(self.shape, HalfSpace) else type(self.shape.geometry)
 
 
 class Parts(NamedTuple):
-    """All shapes of a scene, in the order of the table."""
+    """All shapes of a scene."""
 
     solids: list[Solid]
-    shapes: Shapes
-    meeting: np.ndarray  # (n, 2) rows of the shapes of one robot that can meet
+    meeting: np.ndarray  # (n, 2) indices of the shapes of one robot that can meet
     notes: list[str]
 
 
@@ -104,13 +114,15 @@ def build_pairs(
     used = np.unique(chosen)
     if not len(used):
         return Touching(notes=(*parts.notes, "no two shapes can touch each other")), tree
-    parts, chosen = _only(parts, used), np.searchsorted(used, chosen)
-    table, tree, own_rows = _with_rows(_table(parts, chosen), tree, _with_points(members))
-    _fill_law(table, [parts.solids[k] for k in table.a], [parts.solids[k] for k in table.b], tree, options)
-    reach, radius = _bounds(parts, tree, [joint for one in members for joint in one.model.moving_joints])
+    solids, chosen = [parts.solids[k] for k in used], np.searchsorted(used, chosen)
+    table, tree, own_rows = _with_rows(_table(solids, chosen), tree, _with_points(members))
+    _fill_law(table, solids, tree, options)
+    shapes = _shapes(solids)
+    reach, radius = _bounds(solids, shapes, tree, [joint for one in members for joint in one.model.moving_joints])
     slots = np.array([min(int(table.slots.sum()), option.max_points or _enough(table, tree))])
-    pairs = Pairs(parts.shapes, table, own_rows, reach, radius, slots, option.penetration)
-    names = tuple((parts.solids[a].link, parts.solids[b].link) for a, b in zip(table.a, table.b))
+    margin = max(option.penetration, options.ground.penetration if _has_ground(solids) and options.ground else 0.0)
+    pairs = Pairs(shapes, table, own_rows, reach, radius, slots, margin)
+    names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a, table.b))
     return Touching(pairs, names, tuple(parts.notes)), tree
 
 
@@ -118,9 +130,8 @@ def build_pairs(
 
 
 def _parts(members: Sequence[Member], obstacles: Sequence[Placed], tree: Tree, ground: Ground | None) -> Parts:
-    """Gather all shapes: of members in the frames of their bodies, of obstacles in the world."""
+    """Gather all shapes: of members in the frames of their bodies, of obstacles and the ground in the world."""
     solids: list[Solid] = []
-    tables: list[Shapes] = []
     meeting, notes = [np.zeros((0, 2), np.int64)], list[str]()
     for number, member in enumerate(members):
         model, own = member.model, trees_of(tree)[number]
@@ -131,57 +142,40 @@ def _parts(members: Sequence[Member], obstacles: Sequence[Placed], tree: Tree, g
         meeting.append(found.pairs + len(solids))
         notes += [f"{member.name}: {note}" for note in found.notes]
         pointed = {point.link for point in model.contacts}
-        table = _copied(shape_table(model))
-        for row, shape in zip(table.table, model.shapes):
-            place = tree.placements[named(member, shape.link)]
-            row.link = place.row
-            _move(row, place.E, place.r)
-            moves = place.row > own.root or not own.fixed
+        for shape in model.shapes:
+            name = named(member, shape.link)
+            row, E, r = tree.placements[name]
+            moves = row > own.root or not own.fixed
             on_points = shape.link in pointed or not member.placed.ground_contact
-            solid = (named(member, shape.link), member.name, number, place.row, moves, type(shape.geometry))
-            solids.append(Solid(*solid, shape.friction, on_points))
-        tables.append(table)
+            solids.append(Solid(name, member.name, number, row, moves, shape, E, r, on_points))
+    beyond = len(tree.bodies)
     for placed in obstacles:
-        table, turn = _copied(shape_table(placed.model)), rotation_from_quaternion(np.array(placed.orientation))
-        for row, shape in zip(table.table, placed.model.shapes):
-            row.link = len(tree.bodies)
-            _move(row, turn, np.array((*placed.position, 0.0)[:3]))
+        turn, at = rotation_from_quaternion(np.array(placed.orientation)), np.array((*placed.position, 0.0)[:3])
+        for shape in placed.model.shapes:
             link = link_name(placed.name, shape.link)
-            solids.append(
-                Solid(link, placed.name, WORLD, row.link, False, type(shape.geometry), shape.friction, True)
-            )
-        tables.append(table)
-    return Parts(solids, _joined(tables), np.concatenate(meeting), notes)
+            solids.append(Solid(link, placed.name, WORLD, beyond, False, shape, turn, at))
+    if ground is not None and any(solid.moves and not solid.on_points for solid in solids):
+        if ground.field is None and not ground.steps:
+            normal, first, second = plane_axes(ground)
+            at = ground.height * normal[2] * normal
+            turn = np.stack([first, second, normal], axis=1)
+            solids.append(Solid(GROUND, GROUND, WORLD, beyond, False, HalfSpace(), turn, at))
+        else:
+            notes.append("ground: links without contact points do not touch one that has steps or is a height field")
+    return Parts(solids, np.concatenate(meeting), notes)
 
 
-def _copied(shapes: Shapes) -> Shapes:
-    return shapes._replace(table=shapes.table.copy())
+def _shapes(solids: Sequence[Solid]) -> Shapes:
+    """Lay the shapes out, in the frames of their bodies."""
+    shapes = shape_tables([solid.shape for solid in solids], [solid.body for solid in solids])
+    for row, solid in zip(shapes.table, solids):
+        row.r = solid.r + applied(solid.E, row.r)
+        row.E = product(solid.E, row.E.reshape(3, 3)).ravel()
+    return shapes
 
 
-def _move(row: np.void, E: np.ndarray, r: np.ndarray) -> None:
-    """Express a shape in another frame, in which its own has the rotation E and the origin r [m]."""
-    row["r"] = r + applied(E, row["r"])
-    row["E"] = product(E, row["E"].reshape(3, 3)).ravel()
-
-
-def _joined(tables: Sequence[Shapes]) -> Shapes:
-    """Put tables one after the other."""
-    starts = ("first", "corners"), ("first_normal", "normals"), ("first_edge", "edges")
-    for name, field in starts:
-        at = 0
-        for shapes in tables:
-            shapes.table[name] += at
-            at += len(getattr(shapes, field))
-    empty = Shapes(records(0, SHAPE), *(np.zeros((0, 3)) for _ in starts))
-    joined = (np.concatenate([getattr(one, field) for one in (empty, *tables)]) for field in Shapes._fields)
-    table, *points = joined
-    return Shapes(table.view(np.recarray), *points)
-
-
-def _only(parts: Parts, used: np.ndarray) -> Parts:
-    """Keep the shapes of these rows."""
-    shapes = parts.shapes._replace(table=parts.shapes.table[used].view(np.recarray))
-    return parts._replace(solids=[parts.solids[k] for k in used], shapes=shapes)
+def _has_ground(solids: Sequence[Solid]) -> bool:
+    return any(solid.kind is HalfSpace for solid in solids)
 
 
 # ---------------------------------------------------------------------------------------------- which
@@ -193,6 +187,9 @@ def _chosen(parts: Parts, option: PairContact, excluded: Iterable[tuple[str, str
     tree, body = np.array([s.tree for s in solids], int), np.array([s.body for s in solids], int)
     moves = np.array([s.moves for s in solids], bool)
     possible = (moves[:, None] | moves) & (body[:, None] != body)
+    for k in (k for k, solid in enumerate(solids) if solid.kind is HalfSpace):
+        possible[k] &= [not solid.on_points for solid in solids]
+        possible[:, k] = possible[k]
     usual = possible & (tree[:, None] != tree)
     usual[tuple(parts.meeting.T)] = usual[tuple(parts.meeting.T[::-1])] = True
     usual &= possible
@@ -224,7 +221,7 @@ def _asked_for(
     _mark(found, *(rows[name] for name in pair))
     found &= possible if all(SEPARATOR in name for name in pair) else usual
     if not (found & ~apart).any():
-        cause = "are excluded" if (found & apart).any() else "do not move against each other, or are neighbors"
+        cause = "are excluded" if (found & apart).any() else "are neighbors, do not move, or have contact points there"
         raise ValueError(f"pairs: {pair[0]!r} and {pair[1]!r} cannot touch: all their shapes {cause}; leave them out")
     return found
 
@@ -252,9 +249,8 @@ def _excluded(members: Sequence[Member], excluded: Sequence[tuple[str, str]]) ->
 # ---------------------------------------------------------------------------------------------- records
 
 
-def _table(parts: Parts, chosen: np.ndarray) -> np.recarray:
+def _table(solids: Sequence[Solid], chosen: np.ndarray) -> np.recarray:
     """Make a record for each two shapes: a is the one that moves; of two that do, that of the later tree or body."""
-    solids = parts.solids
     rank = [(solid.moves, solid.tree, solid.body, k) for k, solid in enumerate(solids)]
     ordered = [(i, j) if rank[i] > rank[j] else (j, i) for i, j in chosen.tolist()]
     ordered.sort(key=lambda pair: [rank[k][part] for part in (1, 2, 3) for k in pair])
@@ -301,21 +297,53 @@ def _with_rows(table: np.recarray, tree: Tree, pointed: np.ndarray) -> tuple[np.
     return table, tree._replace(bodies=bodies, rows=tree.rows + len(new)), own
 
 
-def _fill_law(table: np.recarray, a: Sequence[Solid], b: Sequence[Solid], tree: Tree, options: SceneOptions) -> None:
-    """Fill stiffness, damping and friction of each pair."""
-    option, g = options.pairs, options.g or EARTH
+def _fill_law(table: np.recarray, solids: Sequence[Solid], tree: Tree, options: SceneOptions) -> None:
+    """Fill stiffness, damping and friction of each pair; the ground's are those that it has for points."""
+    option, ground, g = options.pairs, options.ground, options.g or EARTH
     assert option is not None
+    heavier, reduced = _masses(table, tree)
+    load = heavier if option.load is None else np.full(len(table), option.load)
+    points = np.minimum(table.slots, CARRYING)
+    on_ground = np.array([solids[k].kind is HalfSpace for k in table.b])
+    depth, ratio = np.full(len(table), option.penetration), np.full(len(table), option.damping_ratio)
+    table.friction = [_friction(solids[a], solids[b], option, ground) for a, b in zip(table.a, table.b)]
+    if ground is not None:
+        depth[on_ground], ratio[on_ground] = ground.penetration, ground.damping_ratio
+    table.stiffness = k = load * g / (points * depth)
+    table.damping = 2.0 * ratio / np.sqrt(g * depth)
+    table.tangential_stiffness = k
+    table.tangential_damping = 2.0 * np.maximum(ratio, 0.1) * np.sqrt(k * reduced / points)
+
+
+def _friction(a: Solid, b: Solid, option: PairContact, ground: Ground | None) -> float:
+    """Return the geometric mean of two shapes' friction; with the ground it is the shape's, else the ground's."""
+    one = getattr(a.shape, "friction", None)
+    if isinstance(b.shape, HalfSpace):
+        return ground.friction if one is None and ground is not None else one or 0.0
+    other = b.shape.friction
+    return math.sqrt((option.friction if one is None else one) * (option.friction if other is None else other))
+
+
+def _masses(table: np.recarray, tree: Tree) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mass of the heavier tree of each pair, and the reduced mass of both [kg]."""
     mass = np.array([*moving_masses(tree), 0.0])  # of WORLD, the last, none
     one, two = mass[table.tree_a], np.where(table.folded, 0.0, mass[table.tree_b])
-    load = np.maximum(one, two) if option.load is None else np.full(len(table), option.load)
-    points = np.minimum(table.slots, 4)
-    reduced = np.where(table.folded, one, one * two / np.where(one + two > 0.0, one + two, 1.0))
-    table.stiffness = k = load * g / (points * option.penetration)
-    table.damping = 2.0 * option.damping_ratio / math.sqrt(g * option.penetration)
-    table.tangential_stiffness = k
-    table.tangential_damping = 2.0 * max(option.damping_ratio, 0.1) * np.sqrt(k * reduced / points)
-    mu = ([option.friction if s.friction is None else s.friction for s in solids] for solids in (a, b))
-    table.friction = np.sqrt(np.multiply(*map(np.array, mu)))
+    return np.maximum(one, two), np.where(table.folded, one, one * two / np.maximum(one + two, LIGHTEST))
+
+
+def limited(check: Preflight, touching: Touching, tree: Tree) -> Preflight:
+    """Return the limits of explicit steps with that of contact between bodies, as if both were free and rigid."""
+    if touching.table is None:
+        return check
+    table = touching.table.pairs
+    steps = 2.0 * np.sqrt(_masses(table, tree)[1] / (np.minimum(table.slots, CARRYING) * table.stiffness))
+    k = int(steps.argmin())
+    limit = Limit(" - ".join(touching.names[k]), float(steps[k]), "contact spring")
+    largest, folded, sliding = (
+        min(one, limit.step) for one in (check.largest_explicit_step, check.folded_step, check.sliding_step)
+    )
+    check = check._replace(largest_explicit_step=largest, folded_step=folded, sliding_step=sliding)
+    return check._replace(limits=(*check.limits, limit))
 
 
 def trees_of(tree: Tree) -> Any:
@@ -338,14 +366,16 @@ def _enough(table: np.recarray, tree: Tree) -> int:
     return LEAST_POINTS + NEIGHBORS * int(most[free].sum())
 
 
-def _bounds(parts: Parts, tree: Tree, joints: Sequence[Joint]) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(
+    solids: Sequence[Solid], shapes: Shapes, tree: Tree, joints: Sequence[Joint]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return how far shapes move by a radian or meter of each joint, and how far from its base a tree reaches [m].
 
     Both are upper bounds for all postures within the limits of sliding joints: the ways along the tree, put straight.
     """
     bodies = tree.bodies
     out, across = np.full((2, len(bodies) + 1), -math.inf)  # from origin and from z axis to the farthest point
-    for solid, row in zip(parts.solids, parts.shapes.table):
+    for solid, row in zip(solids, shapes.table):
         x, y, z = row.r.tolist()
         out[solid.body] = max(out[solid.body], math.sqrt(x * x + y * y + z * z) + row.bound)
         across[solid.body] = max(across[solid.body], math.sqrt(x * x + y * y) + row.bound)

@@ -227,16 +227,23 @@ def _choice(options: SceneOptions, clipped: bool, check: Preflight) -> tuple[str
 
 def _integrator(clipped: bool, check: Preflight) -> tuple[str, str]:
     """Choose the integrator from the scene alone, whatever step is given, and say why."""
-    least, largest = check.worst, check.largest_explicit_step
-    by = f" ({least.joint}: {least.cause})" if least else ""
     if clipped or check.folded_step < STIFF:
-        return "ars343", f"an explicit step is limited to {largest:.2g} s{by}, or forces are not smooth: implicit"
-    if largest < STIFF:
-        return (
-            "dop853",
-            f"springs between bodies limit any step to {check.spring_step:.2g} s{by}: order 8 finds its own",
-        )
+        return "ars343", implicit_reason(check)
+    if check.largest_explicit_step < STIFF:
+        limit = f"{check.spring_step:.2g} s{_by(check)}"
+        return "dop853", f"springs between bodies limit any step to {limit}: order 8 finds its own"
     return "dop853", "nothing is stiff: order 8"
+
+
+def implicit_reason(check: Preflight) -> str:
+    """Say why steps are implicit."""
+    limit = f"{check.largest_explicit_step:.2g} s{_by(check)}"
+    return f"an explicit step is limited to {limit}, or forces are not smooth: implicit"
+
+
+def _by(check: Preflight) -> str:
+    least = check.worst
+    return f" ({least.joint}: {least.cause})" if least else ""
 
 
 def coupled_limit(mobility: np.ndarray, dampings: np.ndarray, springs: np.ndarray) -> float:

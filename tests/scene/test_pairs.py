@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import published
 import pytest
 
 from featherstone_gait.geometry.body import body
@@ -136,6 +137,92 @@ def test_numbers_out_of_range_are_refused(numbers):
         PairContact(**numbers)
 
 
+def in_pinocchio(model, urdf, srdf):
+    """Pairs of links that collide in Pinocchio, without those of the SRDF, their distance at rest; the neighbors."""
+    pin, coal = pytest.importorskip("pinocchio"), pytest.importorskip("coal")
+    theirs, folders = pin.buildModelFromUrdf(str(urdf)), [str(urdf.parents[3]), str(urdf.parents[4])]
+    geometry = pin.buildGeomFromUrdf(theirs, str(urdf), pin.GeometryType.COLLISION, folders)
+    geometry.addAllCollisionPairs()
+    pin.removeCollisionPairs(theirs, geometry, str(srdf))
+    q = pin.neutral(theirs)
+    for name, position in zip(model.joint_names, nearest_posture(model)[-len(model.joint_names) :]):
+        q[theirs.joints[theirs.getJointId(name)].idx_q] = position
+    data, placed = theirs.createData(), geometry.createData()
+    pin.updateGeometryPlacements(theirs, data, geometry, placed, q)
+    shapes, apart, near = [], {}, set()
+    for one in geometry.geometryObjects:
+        convex = one.geometry
+        if isinstance(convex, coal.BVHModelBase):
+            convex.buildConvexRepresentation(False)
+            convex = convex.convex
+        shapes.append(convex)
+    for pair in geometry.collisionPairs:
+        both = (pair.first, pair.second)
+        parts = [geometry.geometryObjects[k] for k in both]
+        links = frozenset(theirs.frames[part.parentFrame].name for part in parts)
+        places = [coal.Transform3s(placed.oMg[k].rotation, placed.oMg[k].translation) for k in both]
+        (one, two), how, found = (shapes[k] for k in both), coal.DistanceRequest(), coal.DistanceResult()
+        apart[links] = min(coal.distance(one, places[0], two, places[1], how, found), apart.get(links, math.inf))
+        low, high = sorted(part.parentJoint for part in parts)
+        near |= {links} if theirs.parents[high] == low else set()
+    return apart, near
+
+
+@pytest.mark.parametrize(
+    ("urdf", "srdf"),
+    [
+        ("panda_description/urdf/panda.urdf", "panda_description/srdf/panda.srdf"),
+        ("ur_description/urdf/ur5_robot.urdf", "ur_description/srdf/ur5.srdf"),
+        ("go1_description/urdf/go1.urdf", "go1_description/srdf/go1.srdf"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_links_that_touch_are_those_of_pinocchio_without_neighbors_and_overlaps(urdf, srdf):
+    urdf, srdf = published.folder("example-robot-data") / urdf, published.folder("example-robot-data") / srdf
+    model = load_robot(urdf, srdf=srdf)
+    ours = {frozenset(link.partition("/")[2] for link in pair) for pair in compile_scene(model, pairs="all").pairs}
+    apart, near = in_pinocchio(model, urdf, srdf)
+    assert ours
+    assert ours <= {*apart} - near
+    left = {*apart} - near - ours
+    assert [sorted(links) for links in left if not apart[links] < 2e-3] == []
+    assert [sorted(links) for links in ours if not apart[links] > -1e-6] == []
+
+
+def test_a_robot_that_falls_on_its_arms_touches_with_its_arms():
+    """Links without contact points touch the ground with their shapes, as hard as points of the ground would."""
+    robot, ball = load_robot("humanoid"), body(Sphere(0.05), 1.0, name="ball")
+    ground = Ground(friction=0.6, penetration=1e-3, damping_ratio=0.3, height=0.2, slope=0.1, heading=0.4)
+    placed = [Placed(robot, "robot"), Placed(ball, position=(2.0, 0.0))]
+    scene = compile_scene(placed, ground=ground, pairs="all")
+    pointed = {f"robot/{point.link}" for point in robot.contacts}
+    shaped = {f"robot/{shape.link}" for shape in robot.shapes}
+    low = {pair[0]: row for pair, row in zip(scene.pairs, table_of(scene)) if pair[1] == "ground"}
+    assert {*low} == shaped - pointed
+    assert pointed
+    hand = low["robot/left_forearm"]
+    assert (hand.tree_b, hand.folded, hand.row_b, hand.friction) == (-1, 1, 0, 0.6)
+    points = 2 if hand.slots == 2 else 4
+    assert hand.stiffness == pytest.approx(robot.mass * G / (points * 1e-3))
+    assert hand.damping == pytest.approx(0.6 / math.sqrt(G * 1e-3))
+    assert scene.touching.table.margin == 1e-3
+    plane = scene.touching.table.shapes.table[hand.b]
+    on_plane = np.array([0.3, -0.7, 0.0])
+    on_plane[2] = 0.2 + math.tan(0.1) * (0.3 * math.cos(0.4) - 0.7 * math.sin(0.4))
+    assert (on_plane - plane.r) @ plane.E.reshape(3, 3)[:, 2] == pytest.approx(0.0, abs=1e-12)
+    assert np.linalg.det(plane.E.reshape(3, 3)) == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="contact points"):
+        compile_scene(placed, ground=ground, pairs=[("ball/body", "ground")])
+    high = [replace(one, ground_contact=False) for one in placed]
+    for other in (compile_scene(high, ground=ground, pairs="all"), compile_scene(placed, pairs="all")):
+        assert not any("ground" in pair for pair in other.pairs)
+    stairs = compile_scene(placed, ground=Ground(steps=((1.0, 0.1),)), pairs="all")
+    assert not any("ground" in pair for pair in stairs.pairs)
+    assert any("steps" in note for note in stairs.touching.notes)
+    out = SceneModel("x", placed, ground=ground, excluded=[("ground", "robot/left_forearm")], pairs="all")
+    assert ("robot/left_forearm", "ground") not in compile_scene(out).pairs
+
+
 # ---------------------------------------------------------------------------------------------- the law
 
 
@@ -171,6 +258,21 @@ def test_a_fixed_base_weighs_nothing():
     heavy = replace(arm, links=(replace(arm.links[0], mass=1e6), *arm.links[1:]))
     scenes = [compile_scene(SceneModel("x", [Placed(m)], [obstacle(CUBE, "o")]), pairs="all") for m in (arm, heavy)]
     assert np.array_equal(*(table_of(scene).stiffness for scene in scenes))
+
+
+@pytest.mark.parametrize("mass", [1.0, 0.01])
+def test_contact_limits_explicit_steps_as_the_frequency_of_both_bodies(mass):
+    """Two free masses on a spring: 2 / omega."""
+    placed = [Placed(body(Sphere(0.1), mass, "a")), Placed(body(Sphere(0.1), 1.0, "b"), position=(1.0, 0.0, 0.0))]
+    scene = compile_scene(placed, pairs="all")
+    (pair,) = table_of(scene)
+    step = 2.0 / math.sqrt(pair.stiffness * (1.0 + 1.0 / mass))
+    assert scene.preflight.worst.joint == "b/body - a/body"
+    assert scene.preflight.largest_explicit_step == pytest.approx(step)
+    assert scene.integrator == "ars343"
+    assert not scene.preflight.named
+    assert "b/body - a/body: contact spring" in scene.preflight.reason
+    assert compile_scene(placed, integrator="rk4", timestep=1e-5, pairs="all").integrator == "rk4"
 
 
 # ---------------------------------------------------------------------------------------------- tables
