@@ -13,7 +13,7 @@ cylinders, of which it is at most so.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -177,30 +177,50 @@ class HalfSpace(NamedTuple):
 
 def shape_tables(shapes: Sequence[Shape | HalfSpace], links: Sequence[int]) -> Shapes:
     """Lay shapes out for the kernels; links: the row of the link that carries each."""
-    table = records(len(shapes), SHAPE)
-    corners, normals, edges = ([np.zeros((0, 3))] for _ in range(3))
-    polytopes = [segment(0.0)]
-    row: Any
-    for row, shape, link in zip(table, shapes, links):
-        row.link, row.E = link, rotation_from_rpy(shape.rpy).ravel()
-        row.first, row.first_normal, row.first_edge = (sum(map(len, part)) for part in (corners, normals, edges))
-        more = _fill(row, shape)
-        of_hull = sides(more) if len(more) else Sides(more, more)
-        row.corners, row.normals, row.edges = len(more), len(of_hull.normals), len(of_hull.edges)
-        polytope = _polytope(row, more)
-        row.first_vertex, row.vertices = row.first, len(polytope.vertices)
-        row.first_face, row.faces = sum(len(each.planes) for each in polytopes), len(polytope.planes)
-        row.first_side, row.sides = sum(len(each.sides) for each in polytopes), len(polytope.sides)
-        start = sum(len(each.around) for each in polytopes)
-        polytopes.append(polytope._replace(loops=polytope.loops + np.array([[start, 0]])))
-        corners.append(polytope.vertices)
-        normals.append(of_hull.normals)
-        edges.append(of_hull.edges)
+    table, parts = records(len(shapes), SHAPE), [_laid_out(shape) for shape in shapes]
+    if parts:
+        table[:] = np.concatenate([part.row for part in parts])
+    table.link = links
+    polytopes = [segment(0.0), *(part.polytope for part in parts)]
+    faces, around, sides_ = (np.cumsum([len(one[k]) for one in polytopes]) for k in (1, 3, 4))
+    table.first = table.first_vertex = _starts(part.polytope.vertices for part in parts)
+    table.first_normal, table.first_edge = (_starts(part.sides[k] for part in parts) for k in (0, 1))
+    table.first_face, table.first_side = faces[:-1], sides_[:-1]
+    loops = [one.loops + np.array([[start, 0]]) for one, start in zip(polytopes[1:], around)]
     return Shapes(
         table,
-        *(np.concatenate(part) for part in (corners, normals, edges)),
-        *(np.concatenate(part) for part in list(zip(*polytopes))[1:]),
-    )
+        *(np.concatenate([np.zeros((0, 3)), *each]) for each in (
+            [part.polytope.vertices for part in parts], *([part.sides[k] for part in parts] for k in (0, 1)),
+        )),
+        np.concatenate([one.planes for one in polytopes]),
+        np.concatenate([polytopes[0].loops, *loops]),
+        *(np.concatenate([one[k] for one in polytopes]) for k in (3, 4)),
+    )  # fmt: skip
+
+
+def _starts(parts: Iterable[np.ndarray]) -> np.ndarray:
+    """Return where each of several arrays starts when they are put one after the other."""
+    return np.cumsum([0, *map(len, parts)])[:-1]
+
+
+class _LaidOut(NamedTuple):
+    """A shape by itself; not to be changed."""
+
+    row: np.recarray  # (1,) SHAPE
+    sides: Sides
+    polytope: Polytope
+
+
+@functools.lru_cache(maxsize=1024)
+def _laid_out(shape: Shape | HalfSpace) -> _LaidOut:
+    table = records(1, SHAPE)
+    row: Any = table[0]
+    row.E = rotation_from_rpy(shape.rpy).ravel()
+    more = _fill(row, shape)
+    of_hull, polytope = sides(more) if len(more) else Sides(more, more), _polytope(row, more)
+    row.corners, row.normals, row.edges = len(more), len(of_hull.normals), len(of_hull.edges)
+    row.vertices, row.faces, row.sides = len(polytope.vertices), len(polytope.planes), len(polytope.sides)
+    return _LaidOut(table, of_hull, polytope)
 
 
 def contact_bench(shapes: Shapes) -> Bench:

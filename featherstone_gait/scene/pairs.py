@@ -122,7 +122,7 @@ def build_pairs(
     slots = np.array([min(int(table.slots.sum()), option.max_points or _enough(table, tree))])
     margin = max(option.penetration, options.ground.penetration if _has_ground(solids) and options.ground else 0.0)
     pairs = Pairs(shapes, table, own_rows, reach, radius, slots, margin)
-    names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a, table.b))
+    names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
     return Touching(pairs, names, tuple(parts.notes)), tree
 
 
@@ -251,15 +251,18 @@ def _excluded(members: Sequence[Member], excluded: Sequence[tuple[str, str]]) ->
 
 def _table(solids: Sequence[Solid], chosen: np.ndarray) -> np.recarray:
     """Make a record for each two shapes: a is the one that moves; of two that do, that of the later tree or body."""
-    rank = [(solid.moves, solid.tree, solid.body, k) for k, solid in enumerate(solids)]
-    ordered = [(i, j) if rank[i] > rank[j] else (j, i) for i, j in chosen.tolist()]
-    ordered.sort(key=lambda pair: [rank[k][part] for part in (1, 2, 3) for k in pair])
-    table = records(len(ordered), PAIR)
-    for row, (i, j) in zip(table, ordered):
-        a, b = solids[i], solids[j]
-        row.a, row.b = i, j
-        row.tree_a, row.tree_b, row.body_a, row.body_b = a.tree, b.tree, a.body, b.body
-        row.folded, row.slots = not b.moves, points_of({a.kind, b.kind})
+    tree, body, moves = (np.array([solid[k] for solid in solids], int) for k in (2, 3, 4))
+    order = np.empty(len(solids), int)
+    order[np.lexsort((body, tree, moves))] = np.arange(len(solids))
+    low, high = chosen.T
+    a, b = np.where(order[low] > order[high], [low, high], [high, low])
+    rows = np.lexsort((b, a, body[b], body[a], tree[b], tree[a]))
+    a, b = a[rows], b[rows]
+    table = records(len(rows), PAIR)
+    table.a, table.b, table.tree_a, table.tree_b = a, b, tree[a], tree[b]
+    table.body_a, table.body_b, table.folded = body[a], body[b], 1 - moves[b]
+    kinds = [solid.kind for solid in solids]
+    table.slots = [points_of({kinds[i], kinds[j]}) for i, j in zip(a.tolist(), b.tolist())]
     return table
 
 
@@ -304,9 +307,10 @@ def _fill_law(table: np.recarray, solids: Sequence[Solid], tree: Tree, options: 
     heavier, reduced = _masses(table, tree)
     load = heavier if option.load is None else np.full(len(table), option.load)
     points = np.minimum(table.slots, CARRYING)
-    on_ground = np.array([solids[k].kind is HalfSpace for k in table.b])
+    on_ground = np.array([solid.kind is HalfSpace for solid in solids])[table.b]
     depth, ratio = np.full(len(table), option.penetration), np.full(len(table), option.damping_ratio)
-    table.friction = [_friction(solids[a], solids[b], option, ground) for a, b in zip(table.a, table.b)]
+    both = zip(table.a.tolist(), table.b.tolist())
+    table.friction = [_friction(solids[a], solids[b], option, ground) for a, b in both]
     if ground is not None:
         depth[on_ground], ratio[on_ground] = ground.penetration, ground.damping_ratio
     table.stiffness = k = load * g / (points * depth)
