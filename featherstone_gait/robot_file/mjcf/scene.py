@@ -110,6 +110,8 @@ def read_scene(path: Path, report: Report) -> Content:
         owners[g] = link_name(name, OBSTACLE)
     for sentence in (*notes(m, everything), *remarks):
         report.remark(sentence)
+    if solids.collide.any():
+        report.remark('bodies touch the ground alone, unless compile_scene is given pairs="all"')
     still = [link_name(part.robot.name, OBSTACLE) for part in obstacles]
     return Content(name_of(m, path), members, obstacles, ground, gravity_of(m), _excluded(solids, owners, still))
 
