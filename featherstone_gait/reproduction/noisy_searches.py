@@ -411,14 +411,14 @@ def _figure(result: NoisyResult) -> Figure:
         title = "other readings of the search, mipsd" if other else f"{one.program}, states of a {one.states}"
         name, color = (one.rule, COLORS[OTHERWISE.index(one)]) if other else (one.gearbox, SERVO_COLORS[one.gearbox])
         lines.setdefault(title, {})[name] = color, result.of(*astuple(one))
-    figure, axes = subplots(9.0, 2.4 * len(lines), len(lines), 2, sharex=True, squeeze=False)
+    figure, axes = subplots(10.0, 2.4 * len(lines), len(lines), 2, sharex=True, squeeze=False)
     for pair, (title, searches) in zip(axes, lines.items()):
         for name, (color, courses) in searches.items():
             label = f"{name}, {len(courses)} searches"
             _band(pair[0], result, [100.0 * (c.cost / c.cost[0] - 1.0) for c in courses], courses, color, label)
             _band(pair[1], result, [100.0 * (c.step / c.step[0] - 1.0) for c in courses], courses, color, label)
         pair[0].set_title(title, fontsize=9)
-        pair[1].legend(fontsize=7, loc="upper left")
+        pair[1].legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
         for panel, change, name in zip(pair, (PAPER_COST, PAPER_STEP), ("energy per distance", "distance per step")):
             panel.axhline(100.0 * change, color="0.3", linestyle=":")
             panel.set_ylabel(f"{name} [%]")
