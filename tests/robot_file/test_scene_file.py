@@ -14,7 +14,9 @@ from featherstone_gait import (
     Box,
     Ground,
     PairContact,
+    Placed,
     RobotFileWarning,
+    SceneModel,
     compile_scene,
     inverse_dynamics,
     load_robot,
@@ -390,6 +392,16 @@ def test_a_scene_of_toml_is_saved_as_mjcf(tmp_path):
     assert again.excluded[:1] == scene.excluded[:1] or not scene.member("left").model.shapes
     with pytest.raises(ValueError, match=r"\.xml"):
         save_scene(scene, tmp_path / "saved.toml")
+
+
+def test_saved_links_without_contact_points_touch_the_ground_where_bodies_touch(tmp_path):
+    robot = load_robot("humanoid")
+    pointed, shaped = {point.link for point in robot.contacts}, {shape.link for shape in robot.shapes}
+    placed, out = [Placed(robot, "one")], [("one/left_forearm", "ground")]
+    for pairs, low in (("none", pointed), ("all", shaped - {"left_forearm"})):
+        save_scene(SceneModel("x", placed, ground=Ground(), excluded=out, pairs=pairs), tmp_path / "saved.xml")
+        again = quiet(tmp_path / "saved.xml").member("one").model
+        assert {point.link for point in again.contacts} == low
 
 
 # ---------------------------------------------------------------------------------------------- attacks

@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Comment, Element, SubElement, TreeBuilder, XML
 from ...dynamics import forward_kinematics
 from ...geometry.contact_choice import contact_points, lowest_levels
 from ...model import ContactPoint, Ground, Model
+from ...model.pair_contact import GROUND, pair_contact
 from ...model.placed import Placed, SceneModel, link_name
 from ...model.rest_posture import nearest_posture, standing_keyframe
 from ...model.shapes import Shape
@@ -40,7 +41,7 @@ class Written(NamedTuple):
 def scene_text(scene: SceneModel) -> str:
     """Write the scene; raise ValueError for a model that MJCF cannot state."""
     root, sections = Element("mujoco", model=scene.name), {tag: Element(tag) for tag in SECTIONS}
-    parts = [_written(placed, scene.ground, placed in scene.obstacles) for placed in scene.all]
+    parts = [_written(placed, scene, _on_ground(placed, scene)) for placed in scene.all]
     for placed, part in zip(scene.all, parts):
         root.extend(_comments(placed.name, part.root))
     SubElement(root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true")
@@ -84,21 +85,34 @@ def _comments(name: str, root: Element) -> list[Any]:
     return [Comment(f" {name}: {(part.text or '').strip()} ") for part in root if part.tag is Comment]
 
 
-def _written(placed: Placed, ground: Ground | None, still: bool) -> Written:
-    """Write a model by itself and put it at its place."""
+def _on_ground(placed: Placed, scene: SceneModel) -> set[str]:
+    """Return the links without contact points whose shapes touch the ground all the same."""
+    if not placed.ground_contact or placed in scene.obstacles or pair_contact(scene.pairs) is None:
+        return set()
+    high = {name for pair in scene.excluded if GROUND in pair for name in pair}
+    pointed = {point.link for point in placed.model.contacts}
+    return {
+        link.name
+        for link in placed.model.links
+        if link.name not in pointed and link_name(placed.name, link.name) not in high
+    }
+
+
+def _written(placed: Placed, scene: SceneModel, on_ground: set[str]) -> Written:
+    """Write a model by itself and put it at its place; on_ground: links that touch the ground with their shapes."""
     model = placed.model
     names: list[str] = []
     for k, shape in enumerate(model.shapes):
         names.append(unused(shape.name or f"shape{k}", names))
     shapes = tuple(replace(shape, name=name) for shape, name in zip(model.shapes, names))
-    contacts = model.contacts if placed.ground_contact and not still else ()
-    touching = tuple(shape for shape in shapes if _touches(shape, contacts))
+    contacts = model.contacts if placed.ground_contact and placed not in scene.obstacles else ()
+    touching = tuple(shape for shape in shapes if shape.link in on_ground or _touches(shape, contacts))
     covered = {_place(point) for shape in touching for point in contact_points([shape])}
     left = tuple(point for point in contacts if _place(point) not in covered)
     model = replace(model, shapes=shapes, contacts=left)
     if placed.gearbox is None:
         model = replace(model, servos={})
-    root, place = _parsed(mjcf_text(model)), _position(placed, ground)
+    root, place = _parsed(mjcf_text(model)), _position(placed, scene.ground)
     return Written(model, root, touching, _body(root, replace(placed, position=place), model, touching))
 
 
