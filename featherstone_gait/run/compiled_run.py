@@ -25,9 +25,10 @@ from ..core.integrate.integrator import Sizes
 from ..core.integrate.rollout import rollout_lanes, rollout_one
 from ..core.step import pace, state
 from ..core.step.context import Plan, Run, Scene
+from ..core.step.pool import KEPT, Renewal
 from ..core.step.program import DONE, FIRST, OFFSET
 from ..core.step.signals import Knots, Signals
-from ..geometry.distance import clearance_channel
+from ..geometry.distance import clearance_channel, contact_bench
 from ..scene.compile import CompiledScene
 from ..scene.tree import check_followers
 from .interrupt import Kernel, call_interruptibly, ensure_compiled
@@ -267,15 +268,22 @@ class CompiledRun:
             motors=scene.tree.n if scene.sampled else 0,
             driven=signals.tau is not None,
             stiff=scene.stiff,
+            pairs=constants.pairs,
+            bench=None if constants.pairs is None else contact_bench(constants.pairs.shapes),
+            trees=0 if constants.trees is None else len(constants.trees),
+            largest=0 if constants.trees is None else int(np.max(constants.trees.end - constants.trees.root)),
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(scene.layout["length"])
         frames = zeros(sizes.workspace) if sizes.bases and sizes.points else None
+        renewal = None
+        if sizes.pairs is not None:
+            renewal = Renewal(zeros(sizes.workspace), zeros((int(sizes.pairs.slots[0]), KEPT)))
         if self.controller is not None:
             signals = signals._replace(program=self.controller.bound(scene, zeros))
         if self.of_lanes is not None:
             constants, min_height = with_own_memory(self.of_lanes)
             plan = plan._replace(min_height=min_height)
-        return Run(constants, scene.places, plan, signals, work, good, self.channels, frames, self.stop)
+        return Run(constants, scene.places, plan, signals, work, good, self.channels, frames, self.stop, renewal)
 
     def named(self, out: np.ndarray, schedule: Plan | None = None) -> dict[str, np.ndarray]:
         """Return recorded numbers (samples, all) as channels in their natural shape."""

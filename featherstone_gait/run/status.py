@@ -29,6 +29,8 @@ class Status(StrEnum):
         "inaccurate": the estimated error is larger than `simulate` allows.
     TOO_COSTLY
         "too costly": error control took as many steps as it may, and the run ended there.
+    TOO_MANY_CONTACTS
+        "too many contacts": more pairs came near than the pool has slots for, and the run ended there.
     """
 
     OK = "ok"
@@ -39,11 +41,13 @@ class Status(StrEnum):
     NOT_CONVERGED = "not converged"
     INACCURATE = "inaccurate"
     TOO_COSTLY = "too costly"
+    TOO_MANY_CONTACTS = "too many contacts"
 
     @property
     def complete(self) -> bool:
         """Return whether the run came to its end."""
-        return self not in (Status.FELL, Status.DIVERGED, Status.STEP_TOO_SMALL, Status.TOO_COSTLY)
+        ended = (Status.FELL, Status.DIVERGED, Status.STEP_TOO_SMALL, Status.TOO_COSTLY, Status.TOO_MANY_CONTACTS)
+        return self not in ended
 
     @property
     def remedy(self) -> str:
@@ -60,6 +64,7 @@ REMEDIES = {
     Status.NOT_CONVERGED: "use a smaller timestep or an implicit integrator",
     Status.INACCURATE: "give a smaller timestep or rtol; if that does not help, the motion is chaotic",
     Status.TOO_COSTLY: "raise rtol, or use implicit_euler or midpoint at a fixed step",
+    Status.TOO_MANY_CONTACTS: "give the pool more slots, or choose fewer pairs",
 }
 OF_CODE = {  # status of a state, as the kernels write it
     rollout.OK: Status.OK,
@@ -67,4 +72,5 @@ OF_CODE = {  # status of a state, as the kernels write it
     rollout.DIVERGED: Status.DIVERGED,
     rollout.TOO_SMALL: Status.STEP_TOO_SMALL,
     rollout.TOO_COSTLY: Status.TOO_COSTLY,
+    rollout.FULL: Status.TOO_MANY_CONTACTS,
 }

@@ -432,7 +432,7 @@ def _compile_members(
     _check_ticks(members)
     options = options._replace(gravity=members[0].scene.options.gravity)
     touching, tree = build_pairs(members, obstacles, excluded, joined_tree(members), options)
-    constants = joined_constants(members, tree)
+    constants = joined_constants(members, tree)._replace(pairs=touching.table)
     check = joined_preflight(members, first._replace(timestep=step, named=given.integrator is not None))
     check = limited(check, touching, tree)
     if given.integrator != options.integrator:
@@ -539,7 +539,7 @@ def _punch(law: Controller) -> float:
 def _places(tree: Tree, constants: Scene) -> np.recarray:
     """Lay the parts of the state out."""
     has = () if constants.actuator is None else cast(Any, constants.actuator).PARTS
-    contact, firmware, fed = constants.contact, constants.firmware, constants.supply is not None
+    contact, firmware, fed, pairs = constants.contact, constants.firmware, constants.supply is not None, constants.pairs
     return state.lay_out(
         {
             "base": tree.bases,
@@ -553,5 +553,7 @@ def _places(tree: Tree, constants: Scene) -> np.recarray:
             "delay": 0 if firmware.delay is None else tree.n * firmware.delay.slots,
             "fed": tree.n * fed,
             "source": int(fed),
+            "slot": 0 if pairs is None else int(pairs.slots[0]),
+            "pairs": int(pairs is not None),
         }
     )

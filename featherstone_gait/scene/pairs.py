@@ -293,6 +293,7 @@ def _with_rows(table: np.recarray, tree: Tree, pointed: np.ndarray) -> tuple[np.
     new = touched[bodies.contact[touched] == 0]
     bodies.contact[new] = tree.rows + np.arange(len(new))
     own = bodies.contact[np.setdiff1d(touched, pointed)]
+    table.own_a, table.own_b = (np.isin(of, pointed, invert=True) for of in (table.body_a, table.body_b))
     still = table.tree_b == WORLD
     table.body_b = np.where(still, 0, table.body_b)
     table.row_a = bodies.contact[table.body_a]

@@ -46,6 +46,8 @@ class Contact(NamedTuple):
     contact_geometry: tuple | None  # one of the kinds in touch.py; None where all are points
 
 
+FLOOR = 1e-11  # of the forces that Newton's iteration compares [N m, N]
+
 # Columns of the scratch `C`, one row a point.
 XP = 0  # 3: position in the common frame [m]
 DEPTH = 3  # penetration at the start of the substep [m]
@@ -137,12 +139,70 @@ def _bristle(step, c):
 
 
 @inline
-def point_force(contact, step, c, u):
-    """Return the force on point c at the velocity u, ground's axes [N]."""
-    p = contact.points[c]
-    fn, _ = normal_force(p, step.C[c, DEPTH], u[0], step.h_implicit)
-    f, _, _ = friction_force(p, _bristle(step, c), u, step.C[c, LIMIT], step.h_implicit)
+def point_force(p, z, u, c, h, C):
+    """Return the force on the point c of law p with the bristle z at the velocity u, in its axes [N]."""
+    fn, _ = normal_force(p, C[c, DEPTH], u[0], h)
+    f, _, _ = friction_force(p, z, u, C[c, LIMIT], h)
     return (fn, f[0], f[1])
+
+
+@inline
+def linearize_point(p, z, c, h, C):
+    """Fill force and slopes of the point c of law p with the bristle z at the velocity UK."""
+    u = load3(C, c, UK)
+    fn, cn = normal_force(p, C[c, DEPTH], u[0], h)
+    f, slope, _ = friction_force(p, z, u, C[c, LIMIT], h)
+    store3(C, c, FK, (fn, f[0], f[1]))
+    C[c, CN] = cn
+    store3(C, c, C1, slope)
+
+
+@inline
+def model_force(e, c, C):
+    """Return the linear model's force of the point c at the velocity UK + e, in its axes [N]."""
+    return (
+        C[c, FK] - C[c, CN] * e[0],
+        C[c, FK + 1] - (C[c, C1] * e[1] + C[c, C2] * e[2]),
+        C[c, FK + 2] - (C[c, C2] * e[1] + C[c, C3] * e[2]),
+    )
+
+
+@inline
+def solve_point(frame, a, c, h, C):
+    """Fill velocity UN and the model's force FL of the point c, whose acceleration exceeds the predicted one by a."""
+    n, t, second = frame
+    u = add(load3(C, c, U0), (h * dot(n, a), h * dot(t, a), h * dot(second, a)))
+    store3(C, c, UN, u)
+    store3(C, c, FL, model_force(sub(u, load3(C, c, UK)), c, C))
+
+
+@inline
+def compare_point(p, z, c, step, C, wrong, slope):
+    """Add to `wrong` where the force at UN differs from the linear model's, and to the slope of the descent [W]."""
+    u = load3(C, c, UN)
+    f = point_force(p, z, u, c, step.h_implicit, C)
+    e = sub(load3(C, c, FL), f)
+    size = abs(f[0]) + abs(f[1]) + abs(f[2])
+    wrong = wrong | (abs(e[0]) + abs(e[1]) + abs(e[2]) > step.tolerance * size + FLOOR)
+    return wrong, slope + dot(sub(u, load3(C, c, UK)), e)
+
+
+@inline
+def point_slope(p, z, c, fraction, h, C):
+    """Return the point's part of the slope of the convex function at a fraction of the pass [W]."""
+    uk, r = load3(C, c, UK), load3(C, c, RHO)
+    move = sub(load3(C, c, UN), uk)
+    f = point_force(p, z, add(uk, scale(move, fraction)), c, h, C)
+    inertial = add(r, scale(sub(load3(C, c, FL), r), fraction))
+    return dot(move, sub(inertial, f))
+
+
+@inline
+def shift_point(c, fraction, active, C):
+    """Move the iterate of the point c by the fraction of the pass, in the lanes still at work."""
+    for k in range(3):
+        C[c, UK + k] = shifted(C[c, UK + k], C[c, UN + k], fraction, active)
+        C[c, RHO + k] = shifted(C[c, RHO + k], C[c, FL + k], fraction, active)
 
 
 # ---------------------------------------------------------------------------------------------- in the implicit step
@@ -176,12 +236,7 @@ def linearize_contacts(contact, step):
         return
     C, (first, end) = step.C, points_of(step.part, contact.points)
     for c in range(first, end):
-        p, u = contact.points[c], load3(C, c, UK)
-        fn, cn = normal_force(p, C[c, DEPTH], u[0], step.h_implicit)
-        f, slope, _ = friction_force(p, _bristle(step, c), u, C[c, LIMIT], step.h_implicit)
-        store3(C, c, FK, (fn, f[0], f[1]))
-        C[c, CN] = cn
-        store3(C, c, C1, slope)
+        linearize_point(contact.points[c], _bristle(step, c), c, step.h_implicit, C)
 
 
 @kernel
@@ -199,11 +254,11 @@ def fold_contacts(contact, step, h):
                 W[k, j] = 0.0
         on = (C[c, FK] > 0.0) | (C[c, CN] > 0.0) | (C[c, LIMIT] > 0.0)
         if any_lane(on):
-            _fold(c, k, on, axes_at(plane, c, C), h, W, C)
+            fold_point(c, k, on, axes_at(plane, c, C), h, W, C)
 
 
 @inline
-def _fold(c, k, on, frame, h, W, C):
+def fold_point(c, k, on, frame, h, W, C):
     """Add one point: S = n n' cn + (tangents), K = h S about the point, moved to the origin."""
     n, t, s = frame
     cn, c11, c12, c22 = C[c, CN], C[c, C1], C[c, C2], C[c, C3]
@@ -252,29 +307,17 @@ def solved_contacts(contact, step):
     plane, (first, end) = fixed_axes(contact.ground), points_of(step.part, contact.points)
     for c in range(first, end):
         i = contact.points[c].body
-        n, t, second = axes_at(plane, c, C)
-        p = load3(C, c, XP)
-        a = add(load3(W, i, U + 3), cross(load3(W, i, U), p))
-        u = add(load3(C, c, U0), (h * dot(n, a), h * dot(t, a), h * dot(second, a)))
-        store3(C, c, UN, u)
-        e = sub(u, load3(C, c, UK))
-        C[c, FL] = C[c, FK] - C[c, CN] * e[0]
-        C[c, FL + 1] = C[c, FK + 1] - (C[c, C1] * e[1] + C[c, C2] * e[2])
-        C[c, FL + 2] = C[c, FK + 2] - (C[c, C2] * e[1] + C[c, C3] * e[2])
+        a = add(load3(W, i, U + 3), cross(load3(W, i, U), load3(C, c, XP)))
+        solve_point(axes_at(plane, c, C), a, c, h, C)
 
 
 @inline
-def compare_contacts(contact, step, wrong, slope, tolerance, floor):
+def compare_contacts(contact, step, wrong, slope):
     """Add to `wrong` where forces at UN differ from the linear model's, and to the slope of the descent [W]."""
     if contact is not None:
         first, end = points_of(step.part, contact.points)
         for c in range(first, end):
-            u = load3(step.C, c, UN)
-            f = point_force(contact, step, c, u)
-            e = sub(load3(step.C, c, FL), f)
-            size = abs(f[0]) + abs(f[1]) + abs(f[2])
-            wrong = wrong | (abs(e[0]) + abs(e[1]) + abs(e[2]) > tolerance * size + floor)
-            slope = slope + dot(sub(u, load3(step.C, c, UK)), e)
+            wrong, slope = compare_point(contact.points[c], _bristle(step, c), c, step, step.C, wrong, slope)
     return wrong, slope
 
 
@@ -284,11 +327,7 @@ def contact_slope(contact, step, fraction, slope):
     if contact is not None:
         first, end = points_of(step.part, contact.points)
         for c in range(first, end):
-            uk, r = load3(step.C, c, UK), load3(step.C, c, RHO)
-            p = sub(load3(step.C, c, UN), uk)
-            f = point_force(contact, step, c, add(uk, scale(p, fraction)))
-            inertial = add(r, scale(sub(load3(step.C, c, FL), r), fraction))
-            slope = slope + dot(p, sub(inertial, f))
+            slope = slope + point_slope(contact.points[c], _bristle(step, c), c, fraction, step.h_implicit, step.C)
     return slope
 
 
@@ -296,11 +335,9 @@ def contact_slope(contact, step, fraction, slope):
 def shift_contacts(contact, step, fraction, active):
     """Move the iterate by the fraction of the pass, in the lanes still at work."""
     if contact is not None:
-        C, (first, end) = step.C, points_of(step.part, contact.points)
+        first, end = points_of(step.part, contact.points)
         for c in range(first, end):
-            for k in range(3):
-                C[c, UK + k] = shifted(C[c, UK + k], C[c, UN + k], fraction, active)
-                C[c, RHO + k] = shifted(C[c, RHO + k], C[c, FL + k], fraction, active)
+            shift_point(c, fraction, active, step.C)
 
 
 @inline
@@ -327,7 +364,7 @@ def move_contacts(contact, step):
         work, (first, end) = offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
         for c in range(first, end):
             p, u, z = contact.points[c], load3(C, c, UN), _bristle(step, c)
-            f = point_force(contact, step, c, u)
+            f = point_force(p, z, u, c, h, C)
             y[work] += step.h * dot(f, u)
             _, _, slips = friction_force(p, z, u, C[c, LIMIT], h)
             kappa = 1.0 / (h * p.tangential_stiffness + p.tangential_damping)

@@ -12,8 +12,37 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compile.jit import inline, kernel
+from ..compile.lanes import any_lane, flat, select, sqrt, width_of
+from ..compile.optional import if_present
 from ..compile.structure import record, structure
-from ..tree.distance import Shapes
+from ..tree.distance import HALF_SPACE, Shapes
+from ..tree.forest import joint_count
+from ..tree.layout import SF, TOUCH, P, R, U, V
+from ..tree.manifold import contact_points
+from ..tree.rigid_body import center_velocity
+from ..tree.spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
+from .contact import (
+    C1,
+    CN,
+    DEPTH,
+    FK,
+    LIMIT,
+    U0,
+    UK,
+    UN,
+    XP,
+    compare_point,
+    fold_point,
+    friction_force,
+    linearize_point,
+    normal_force,
+    point_force,
+    point_slope,
+    shift_point,
+    solve_point,
+)
+from .ground import AXES
 
 PAIR = record(
     a=int,  # row of the shape in the table of `Shapes`
@@ -25,6 +54,8 @@ PAIR = record(
     row_a=int,  # workspace row in which the body's contacts are summed
     row_b=int,
     folded=int,  # 1 = b cannot move: a point of the pair touches a alone
+    own_a=int,  # 1 = the body has no contact point on the ground, whose sum would clear the row
+    own_b=int,
     slots=int,  # points that the pair can have
     stiffness=float,  # normal, of a point [N/m]
     damping=float,  # Hunt and Crossley's d [s/m]
@@ -45,3 +76,486 @@ class Pairs(NamedTuple):
     radius: np.ndarray  # (trees,) bound of the distance from a tree's base to any point of its shapes [m]
     slots: np.ndarray  # (1,) slots of the pool
     margin: float  # the depth at which a pair rests under its load [m]: gaps below it are looked at
+
+
+@structure
+class Pool(NamedTuple):
+    """Scratch arrays of the pairs."""
+
+    C: np.ndarray  # (slots, COLUMNS): points, of the columns of contact.py and those below
+    pair: np.ndarray  # (slots,) row of the pair that has the slot
+    count: np.ndarray  # (2,) slots in use, and islands
+    # Islands: trees that touch each other, by tree_a of their points; see step/island.py.
+    parent: np.ndarray  # (trees,)
+    trees: np.ndarray  # (trees,) numbers of trees, one island after the other
+    first_tree: np.ndarray  # (trees + 1,) of each island
+    points: np.ndarray  # (slots,) slots of points at work, one island after the other
+    first_point: np.ndarray  # (trees + 1,) of each island
+    island: np.ndarray  # (trees + 1,) of each tree; scratch of counting before
+    label: np.ndarray  # (trees,) island of each tree by lane: its first tree
+    at_work: np.ndarray  # (trees,) 1 where Newton's iteration goes on
+    wrong: np.ndarray  # (trees,) above 0 where forces are not those of the linear model
+    slope: np.ndarray  # (trees,) of the descent [W]
+    fraction: np.ndarray  # (trees,) of the pass
+    shared: np.ndarray  # (trees,) scratch
+    # Rows: see tree/rows.py.
+    row_point: np.ndarray  # (slots,) slot whose point has the rows 3 k to 3 k + 2
+    envelope: np.ndarray  # (slots,) first point on which the elimination of each depends
+    responses: np.ndarray  # (3 slots, 2, bodies of the largest tree)
+    roots: np.ndarray  # (3 slots, 2, SIDE)
+    matrix: np.ndarray  # (3 slots, 3 slots)
+    force: np.ndarray  # (2, 3 slots)
+    # The narrow phase, one lane after the other, and the exchange of slots.
+    manifold: np.ndarray  # (8, 8)
+    bench: tuple  # Bench of manifold.py
+    old: np.ndarray  # (slots, 6)
+
+    SHARED = (
+        "pair", "count", "parent", "trees", "first_tree", "points", "first_point", "island", "row_point", "envelope",
+        "manifold", "bench", "old",
+    )  # fmt: skip
+
+
+# Columns of a point beyond those of contact.py, whose XP is the place in the frame of tree_a.
+XB = AXES + 9  # 3: position in the frame of tree_b [m]
+Z = XB + 3  # 2: bristle along the tangents [m]
+ON = Z + 2  # 1 where the point is near enough to touch within the step
+GAP = ON + 1  # distance of the surfaces where the predicted state has them [m]; FAR where there is no point
+FACTOR = GAP + 1  # 4: h times the slopes as W W', W lower triangular: normal, 11, 21, 22
+COLUMNS = FACTOR + 4
+FAR = 1e9  # [m]
+LEAST = 1e-150  # length of a bristle below which it is none [m]
+OLD = 6  # columns of `Pool.old`
+
+
+# ---------------------------------------------------------------------------------------------- place
+
+
+@kernel
+def place_pairs(pairs, predicted, step, lookahead_time):
+    """Fill position, axes, penetration and predicted velocity of the points of all pairs in the pool.
+
+    W is that of a time [s] after the step's start: what the gap has changed since then is taken back.
+    """
+    y, offsets, pool, width = step.y, step.offsets, step.pool, width_of(step.y)
+    numbers, slots, c = flat(y), len(pool.pair), 0
+    while c < slots:
+        k = int(numbers[(offsets.pair + c) * width]) - 1
+        if k < 0:
+            break
+        pair = pairs.pairs[k]
+        for j in range(pair.slots):
+            pool.pair[c + j] = k
+        _clear(pool.C, c, pair.slots)
+        pool.C[c, U0] = step.h_implicit  # by lane
+        for lane in range(width):
+            _place_in_lane(pairs, pair, predicted, step, c, lane, width)
+        for j in range(pair.slots):
+            _finish(pair, step, c + j, lookahead_time, pairs.margin)
+        c += pair.slots
+    pool.count[0] = c
+
+
+@inline
+def _clear(C, c, count):
+    """Set points to none, of finite numbers."""
+    for j in range(c, c + count):
+        for k in range(COLUMNS):
+            C[j, k] = 0.0
+        C[j, GAP] = FAR
+        C[j, AXES] = 1.0
+        C[j, AXES + 4] = 1.0
+        C[j, AXES + 8] = 1.0
+
+
+@inline
+def _pose(shape, tree, body, W, lane, width):
+    """Return rotation (9) and center (3) of a shape in one lane, in the frame of its tree [m]; W flat."""
+    if tree < 0:
+        return load9_of(shape.E), vector(shape.r)
+    start = body * width + lane
+    E = (
+        W[start + R * width],
+        W[start + (R + 1) * width],
+        W[start + (R + 2) * width],
+        W[start + (R + 3) * width],
+        W[start + (R + 4) * width],
+        W[start + (R + 5) * width],
+        W[start + (R + 6) * width],
+        W[start + (R + 7) * width],
+        W[start + (R + 8) * width],
+    )
+    p = (W[start + P * width], W[start + (P + 1) * width], W[start + (P + 2) * width])
+    return compose(E, load9_of(shape.E)), add(p, rotate(E, vector(shape.r)))
+
+
+@inline
+def load9_of(a):
+    """Return the nine numbers of an array."""
+    return (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8])
+
+
+@kernel
+def base_position(predicted, step, tree, lane, width):
+    """Return the origin of a tree's frame in the world in one lane [m]; that of the world for tree < 0."""
+    if tree < 0:
+        return (0.0, 0.0, 0.0)
+    return _position(predicted, step, tree, lane, width)
+
+
+@inline
+def _position(predicted, step, tree, lane, width):
+    if predicted is None:
+        y, at = flat(step.y), (step.offsets.base_q + 7 * tree) * width + lane
+    else:
+        y, at = flat(predicted), (2 * joint_count(step.scene.trees, step.scene.tree) + 7 * tree) * width + lane
+    return (y[at], y[at + width], y[at + 2 * width])
+
+
+@inline
+def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
+    """Find the points of a pair in one lane, and put each into the slot that its features had."""
+    pool, W, columns = step.pool, flat(step.W), step.W.shape[1]
+    a, b = pairs.shapes.table[pair.a], pairs.shapes.table[pair.b]
+    Ea, ra = _pose(a, pair.tree_a, pair.body_a * columns, W, lane, width)
+    Eb, rb = _pose(b, pair.tree_b, pair.body_b * columns, W, lane, width)
+    shift = (0.0, 0.0, 0.0)  # from the frame of tree_b to that of tree_a
+    if pair.tree_b != pair.tree_a:
+        origin = base_position(predicted, step, pair.tree_a, lane, width)
+        shift = sub(base_position(predicted, step, pair.tree_b, lane, width), origin)
+    h = flat(pool.C)[(c * COLUMNS + U0) * width + lane]
+    far = _way(pair, (a, b), (ra, rb), h, step, lane, width) + pairs.margin
+    rb = add(rb, shift)
+    found = 0
+    if least_gap(a, b, Eb, sub(ra, rb)) < far:
+        found = contact_points(a, b, Ea, ra, Eb, rb, pairs.shapes, far, pool.bench, pool.manifold)
+    _keep_features(pair, step, c, lane, width, found)
+    C = flat(pool.C)
+    for m in range(found):
+        j = int(pool.old[m, 0])
+        if j >= 0:
+            x, n = load3(pool.manifold, m, 0), load3(pool.manifold, m, 3)
+            t = _tangent(n)
+            _store(C, c + j, XP, x, lane, width)
+            _store(C, c + j, XB, sub(x, shift), lane, width)
+            _store(C, c + j, AXES, n, lane, width)
+            _store(C, c + j, AXES + 3, t, lane, width)
+            _store(C, c + j, AXES + 6, cross(n, t), lane, width)
+            C[((c + j) * COLUMNS + GAP) * width + lane] = -pool.manifold[m, 6]
+
+
+@inline
+def least_gap(a, b, Eb, c):
+    """Return a lower bound of the gap of two shapes [m]; c: from the center of b to that of a."""
+    if b.kind == HALF_SPACE:
+        return Eb[2] * c[0] + Eb[5] * c[1] + Eb[8] * c[2] - a.bound
+    return sqrt(dot(c, c)) - a.bound - b.bound
+
+
+@inline
+def _way(pair, shapes, centers, h, step, lane, width):
+    """Return twice the way [m] that points of two shapes can move towards each other in the step h, in one lane."""
+    (a, b), (ra, rb) = shapes, centers
+    va, wa = _motion(pair.tree_a, pair.body_a, ra, step, lane, width)
+    vb, wb = _motion(pair.tree_b, pair.body_b, rb, step, lane, width)
+    v, turn = sub(va, vb), sqrt(dot(wa, wa)) * a.bound
+    if pair.folded == 0:
+        turn = turn + sqrt(dot(wb, wb)) * b.bound
+    return 2.0 * h * (sqrt(dot(v, v)) + turn) + SUDDEN * (h * h)
+
+
+SUDDEN = 100.0  # acceleration for which there is room [m/s^2]
+
+
+@inline
+def _motion(tree, body, r, step, lane, width):
+    """Return the velocities of the point r and of the body in one lane [m/s, rad/s]."""
+    if tree < 0:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    W, at = flat(step.W), (body * step.W.shape[1] + V) * width + lane
+    w = (W[at], W[at + width], W[at + 2 * width])
+    v = (W[at + 3 * width], W[at + 4 * width], W[at + 5 * width])
+    return add(v, cross(w, r)), w
+
+
+@inline
+def _store(C, c, column, a, lane, width):
+    at = (c * COLUMNS + column) * width + lane
+    C[at] = a[0]
+    C[at + width] = a[1]
+    C[at + 2 * width] = a[2]
+
+
+@inline
+def _tangent(n):
+    """Return a unit vector across the unit vector n."""
+    if abs(n[0]) < 0.6:
+        r = 1.0 / sqrt(n[1] * n[1] + n[2] * n[2])
+        return (0.0, n[2] * r, -n[1] * r)
+    r = 1.0 / sqrt(n[0] * n[0] + n[1] * n[1])
+    return (n[1] * r, -n[0] * r, 0.0)
+
+
+@kernel
+def _keep_features(pair, step, c, lane, width, found):
+    """Give each of the points found a slot of the pair, old[m, 0]: that of its feature, else one that is free.
+
+    What has gone leaves its slot, with its bristle.
+    """
+    y, o, pool = flat(step.y), step.offsets, step.pool
+    for m in range(found):
+        pool.old[m, 0] = -1.0
+    for j in range(pair.slots):
+        at, kept = (o.pair_feature + c + j) * width + lane, False
+        for m in range(found):
+            if y[at] == pool.manifold[m, 7] + 1.0:
+                pool.old[m, 0], kept = j, True
+        if not kept:
+            y[at] = 0.0
+    j = 0
+    for m in range(found):
+        if pool.old[m, 0] < 0.0:
+            while j < pair.slots and y[(o.pair_feature + c + j) * width + lane] > 0.0:
+                j += 1
+            if j < pair.slots:
+                pool.old[m, 0] = j
+                y[(o.pair_feature + c + j) * width + lane] = pool.manifold[m, 7] + 1.0
+                for k in range(3):
+                    y[(o.pair_deflection + 3 * (c + j) + k) * width + lane] = 0.0
+
+
+@inline
+def _frame_b(pair, W):
+    """Return the rotation of the body in whose frame the bristle is kept."""
+    if pair.tree_b < 0:
+        one, zero = 1.0 + 0.0 * W[0, R], 0.0 * W[0, R]
+        return (one, zero, zero, zero, one, zero, zero, zero, one)
+    return load9(W, pair.body_b, R)
+
+
+@inline
+def _velocity_of_b(pair, x, W):
+    if pair.tree_b < 0:
+        zero = 0.0 * x[0]
+        return (zero, zero, zero)
+    return center_velocity(pair.body_b, x, W)
+
+
+@inline
+def _finish(pair, step, c, lookahead_time, margin):
+    """Fill velocity, depth, bristle and friction limit of a point, in all lanes."""
+    W, C, y, o, h = step.W, step.pool.C, step.y, step.offsets, step.h_implicit
+    n, t, s = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+    v = sub(center_velocity(pair.body_a, load3(C, c, XP), W), _velocity_of_b(pair, load3(C, c, XB), W))
+    u = (dot(n, v), dot(t, v), dot(s, v))
+    store3(C, c, U0, u)
+    store3(C, c, UK, u)
+    gap, zero = C[c, GAP], 0.0 * C[c, GAP]
+    near = gap < margin + 2.0 * (h * sqrt(dot(v, v)))
+    C[c, ON] = select(near, 1.0 + zero, zero)
+    C[c, DEPTH] = select(near, lookahead_time * u[0] - gap, zero - FAR)
+    z = rotate(_frame_b(pair, W), _deflection(y, o, c))
+    size, z1, z2 = sqrt(dot(z, z)), dot(t, z), dot(s, z)
+    flat_size = sqrt(z1 * z1 + z2 * z2)
+    ratio = select(flat_size > LEAST, size / select(flat_size > LEAST, flat_size, 1.0 + zero), 1.0 + zero)
+    C[c, Z] = select(near, z1 * ratio, zero)
+    C[c, Z + 1] = select(near, z2 * ratio, zero)
+    predicted_force, _ = normal_force(pair, C[c, DEPTH], u[0], h)
+    last = y[o.pair_normal_force + c]
+    C[c, LIMIT] = select(near, pair.friction * select(last > 0.0, last, predicted_force), zero)
+
+
+@inline
+def _deflection(y, o, c):
+    at = o.pair_deflection + 3 * c
+    return (y[at], y[at + 1], y[at + 2])
+
+
+@inline
+def bristle(C, c):
+    """Return the bristle along the tangents [m]."""
+    return C[c, Z], C[c, Z + 1]
+
+
+@inline
+def is_near(pool, c):
+    """Return whether the point c may touch within the step, in any lane."""
+    return any_lane(pool.C[c, ON] > 0.0)
+
+
+# ---------------------------------------------------------------------------------------------- in the implicit step
+
+
+@inline
+def linearize_pair(pair, step, c):
+    """Fill force, slopes and their factor of the point c, zero in lanes where it is far."""
+    C, h = step.pool.C, step.h_implicit
+    linearize_point(pair, bristle(C, c), c, h, C)
+    on = C[c, ON] > 0.0
+    zero = 0.0 * C[c, ON]
+    for k in range(3):
+        C[c, FK + k] = select(on, C[c, FK + k], zero)
+    for k in range(4):
+        C[c, CN + k] = select(on, C[c, CN + k], zero)
+    c11, c12, c22 = h * C[c, C1], h * C[c, C1 + 1], h * C[c, C1 + 2]
+    one = 1.0 + zero
+    w11 = sqrt(c11)
+    w21 = select(c11 > 0.0, c12 / select(c11 > 0.0, w11, one), zero)
+    rest = c22 - w21 * w21
+    C[c, FACTOR] = sqrt(h * C[c, CN])
+    C[c, FACTOR + 1] = w11
+    C[c, FACTOR + 2] = w21
+    C[c, FACTOR + 3] = sqrt(select(rest > 0.0, rest, zero))
+
+
+@inline
+def clear_own_row(pair, W):
+    """Clear the contact row of body a where no contact point on the ground does."""
+    if pair.own_a > 0:
+        for k in range(TOUCH + 1):
+            W[pair.row_a, k] = 0.0
+
+
+@inline
+def fold_pair(pair, step, c):
+    """Sum h J' C J and the force of a point on a body that cannot move into the row of body a."""
+    C, W = step.pool.C, step.W
+    axes = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+    fold_point(c, pair.row_a, C[c, ON] > 0.0, axes, step.h_implicit, W, C)
+
+
+@inline
+def solve_pair(pair, step, c):
+    """Fill velocity and the linear model's force of the point c at the solution's dA."""
+    W, C = step.W, step.pool.C
+    a = add(load3(W, pair.body_a, U + 3), cross(load3(W, pair.body_a, U), load3(C, c, XP)))
+    if pair.folded == 0:
+        xb = load3(C, c, XB)
+        a = sub(a, add(load3(W, pair.body_b, U + 3), cross(load3(W, pair.body_b, U), xb)))
+    solve_point((load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)), a, c, step.h_implicit, C)
+
+
+@inline
+def compare_pair(pair, step, c, wrong, slope):
+    """Do as `compare_point`."""
+    C = step.pool.C
+    return compare_point(pair, bristle(C, c), c, step, C, wrong, slope)
+
+
+@inline
+def pair_slope(pair, step, c, fraction):
+    """Do as `point_slope`."""
+    C = step.pool.C
+    return point_slope(pair, bristle(C, c), c, fraction, step.h_implicit, C)
+
+
+@inline
+def shift_pair(pool, c, fraction, active):
+    """Do as `shift_point`."""
+    shift_point(c, fraction, active, pool.C)
+
+
+@if_present()
+def move_pairs(pairs, step):
+    """Move bristles and forces of all pairs, and their work, to the end of the step."""
+    y, o, pool, C, h, W = step.y, step.offsets, step.pool, step.pool.C, step.h_implicit, step.W
+    for c in range(pool.count[0]):
+        pair, u, z = pairs.pairs[pool.pair[c]], load3(C, c, UN), bristle(C, c)
+        f = point_force(pair, z, u, c, h, C)
+        on, zero = C[c, ON] > 0.0, 0.0 * C[c, ON]
+        y[o.pair_work] += step.h * select(on, dot(f, u), zero)
+        _, _, slips = friction_force(pair, z, u, C[c, LIMIT], h)
+        kt, dt = pair.tangential_stiffness, pair.tangential_damping
+        kappa = 1.0 / (h * kt + dt)
+        m1 = select(slips, (dt * z[0] - h * f[1]) * kappa, z[0] + h * u[1])
+        m2 = select(slips, (dt * z[1] - h * f[2]) * kappa, z[1] + h * u[2])
+        m1, m2 = z[0] + (m1 - z[0]) * (1.0 / step.theta), z[1] + (m2 - z[1]) * (1.0 / step.theta)
+        t, s = load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+        m = rotate_back(_frame_b(pair, W), add(scale(t, m1), scale(s, m2)))
+        for k in range(3):
+            y[o.pair_deflection + 3 * c + k] = select(on, m[k], zero)
+        _record(pair, step, c, f)
+    _forget(step)
+
+
+@inline
+def _record(pair, step, c, f):
+    """Write force, normal force, gap and place of the point c into the state; f in its axes [N]."""
+    y, o, C = step.y, step.offsets, step.pool.C
+    n, t, s = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+    world = add(scale(n, f[0]), add(scale(t, f[1]), scale(s, f[2])))
+    at = o.base_q + 7 * pair.tree_a
+    for k in range(3):
+        y[o.pair_force + 3 * c + k] = world[k]
+        y[o.pair_position + 3 * c + k] = C[c, XP + k] + y[at + k]
+    y[o.pair_normal_force + c] = f[0]
+    y[o.pair_gap + c] = C[c, GAP]
+
+
+@inline
+def _forget(step):
+    """Set what is derived of slots without a pair to zero."""
+    y, o, pool = step.y, step.offsets, step.pool
+    for c in range(pool.count[0], len(pool.pair)):
+        y[o.pair_normal_force + c] = 0.0
+        y[o.pair_gap + c] = 0.0
+        for k in range(3):
+            y[o.pair_force + 3 * c + k] = 0.0
+            y[o.pair_position + 3 * c + k] = 0.0
+
+
+# ---------------------------------------------------------------------------------------------- as an equation
+
+
+@kernel
+def pair_rates(pairs, step, dy):
+    """Fill forces and rates of the bristles of all pairs, and add the forces to the contact rows of the bodies."""
+    y, o, pool, C, W = step.y, step.offsets, step.pool, step.pool.C, step.W
+    for k in range(len(pairs.own_rows)):
+        for j in range(TOUCH + 1):
+            W[pairs.own_rows[k], j] = 0.0
+    dy[o.pair_work] = 0.0 * y[o.pair_work]
+    place_pairs(pairs, None, step, 0.0)
+    for c in range(3 * pool.count[0], 3 * len(pool.pair)):
+        dy[o.pair_deflection + c] = 0.0 * y[o.pair_deflection + c]
+    for c in range(pool.count[0]):
+        pair, u, z = pairs.pairs[pool.pair[c]], load3(C, c, U0), bristle(C, c)
+        fn, _ = normal_force(pair, C[c, DEPTH], u[0], 0.0)
+        f, _, slips = friction_force(pair, z, u, pair.friction * fn, 0.0)
+        kt, dt, on = pair.tangential_stiffness, pair.tangential_damping, fn > 0.0
+        m1 = select(slips, -(f[0] + kt * z[0]) / dt, u[1])  # what slips keeps -kt z - dt dz/dt at the force
+        m2 = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
+        zero = 0.0 * fn
+        t, s = load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+        m = rotate_back(_frame_b(pair, W), add(scale(t, m1), scale(s, m2)))
+        for k in range(3):
+            dy[o.pair_deflection + 3 * c + k] = select(on, m[k], zero)
+        f = (select(on, fn, zero), select(on, f[0], zero), select(on, f[1], zero))
+        dy[o.pair_work] += dot(f, u)
+        _record(pair, step, c, f)
+        force = (y[o.pair_force + 3 * c], y[o.pair_force + 3 * c + 1], y[o.pair_force + 3 * c + 2])
+        if any_lane(on):
+            _press(pair.row_a, on, load3(C, c, XP), force, W)
+            if pair.row_b > 0:
+                _press(pair.row_b, on, load3(C, c, XB), scale(force, -1.0), W)
+    _forget(step)
+
+
+@inline
+def _press(k, on, x, f, W):
+    """Add a force at x to a contact row, in the lanes where it acts."""
+    m = cross(x, f)
+    for j in range(3):
+        W[k, SF + j] = select(on, W[k, SF + j] + m[j], W[k, SF + j])
+        W[k, SF + 3 + j] = select(on, W[k, SF + 3 + j] + f[j], W[k, SF + 3 + j])
+    W[k, TOUCH] = select(on, 1.0, W[k, TOUCH])
+
+
+@inline
+def pair_branch(pair, step, c):
+    """Return whether the point c pushes: 0 no, 1 it sticks, 2 it slips."""
+    C, u = step.pool.C, load3(step.pool.C, c, UN)
+    fn, _ = normal_force(pair, C[c, DEPTH], u[0], step.h_implicit)
+    _, _, slips = friction_force(pair, bristle(C, c), u, C[c, LIMIT], step.h_implicit)
+    one = 1.0 + 0.0 * fn
+    return select(fn > 0.0, select(slips, 2.0 * one, one), 0.0 * fn)

@@ -12,11 +12,12 @@ from ..effects.actuator import controller_of
 from ..effects.controller import apply_delayed
 from ..effects.push import EVENT_MARGIN, next_edge
 from ..step.pace import ATTEMPTS, EVALUATIONS, EVENT, GRID, INSIDE, MARK, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
+from ..step.pool import longest_step, renew_pool, spend
 from ..step.program import writes_torques
 from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
 from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
-from .rollout import TOO_COSTLY, TOO_SMALL, inspect, record, tick
+from .rollout import FULL, TOO_COSTLY, TOO_SMALL, inspect, record, tick
 
 STALLED = 5000.0  # attempts at steps ...
 PROGRESS, SHARE = 5e-7, 1e-7  # ... that must bring a run on by so much [s], or by that share of its duration
@@ -69,6 +70,7 @@ def _begin(run, y):
     for i in range(PACE):
         run.work.pace[i] = y[run.offsets[0].step_control + i]
     run.work.pace[ATTEMPTS], run.work.pace[MARK] = 0.0, -1e300
+    renew_pool(run.scene.pairs, run, y, run.plan.h, True)
     begin_run(run.work, run)
     return inspect(run, time_of(run.plan, 0), y)
 
@@ -108,7 +110,12 @@ def _cross(run, y, k, end, most, out):
                 continue
             pace[SINCE], pace[UNTIL] = t + done + EVENT_MARGIN, t + until - 2.0 * EVENT_MARGIN
             begin_interval(run.work, run, y, t + done)
-        h = take_adaptive_step(run.work, run, y, t + done, until - done)
+        longest = longest_step(run.scene.pairs, run, y, until - done)
+        if longest < 0.0:
+            y[run.offsets[0].status] = FULL
+            return True
+        h = take_adaptive_step(run.work, run, y, t + done, min(longest, until - done))
+        spend(run.scene.pairs, run, y, h)
         follow(run.scene.coupling, run.offsets[0], y)
         next_record = record_within(run.work, run, y, (t + done, h, end), next_record, out)
         done = until if h >= until - done else done + h

@@ -145,13 +145,14 @@ def _stages(run, y, t, h):
     _store_motors(work.motors, rotor_of(scene.actuator), offsets, work.start, NOW)
     y[offsets.newton_iterations + 1] = work.start[offsets.newton_iterations + 1]
     for k in range(0 if work.stale[0] > 0.0 else 1, 4):
-        _begin_stage(scene.floating, scene.contact, run, y, h, k)
+        _begin_stage(scene.floating, scene.contact, scene.pairs, run, y, h, k)
         _begin_motors(work.motors, run, y, h, k)
         inputs(u, min(t + max(NODES[k], G) * h, pace[UNTIL]))
         at = Step(
             scene=scene, actuator=scene.actuator, decay=work.motors, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
             predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, h_implicit=d, theta=1.0, extrapolation_ratio=None,
-            tolerance=NEWTON_SHARE * run.plan.rtol, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, part=None,
+            tolerance=NEWTON_SHARE * run.plan.rtol, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
+            pool=scratch.pool, part=None,
         )  # fmt: skip
         step_trees(at)
         pace[EVALUATIONS] += 1.0
@@ -161,7 +162,7 @@ def _stages(run, y, t, h):
 
 
 @inline
-def _begin_stage(floating, contact, run, y, h, k):
+def _begin_stage(floating, contact, pairs, run, y, h, k):
     """Fill y and the slopes with the state from which stage k steps, and accelerations that predict its end.
 
     The lengths of the quaternions of floating bases, which the step makes 1, are kept.
@@ -179,6 +180,9 @@ def _begin_stage(floating, contact, run, y, h, k):
     if contact is not None:
         for i in range(3 * len(contact.points)):
             y[offsets.contact_force + i] = 0.0  # friction is limited by the predicted normal force
+    if pairs is not None:
+        for i in range(len(work.scratch.pool.pair)):
+            y[offsets.pair_normal_force + i] = 0.0
     if floating is not None:
         for i in range(6 * base_count(run.scene.trees)):
             _expect(run, y, h, k, offsets.base_qd + i, offsets.base_qdd + i)

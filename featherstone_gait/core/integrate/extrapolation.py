@@ -31,7 +31,7 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import WIDTH, aligned, select
-from ..compile.optional import in_lanes
+from ..compile.optional import if_present, in_lanes
 from ..compile.structure import structure
 from ..effects.actuator import controller_of, motor_of
 from ..effects.decay import DECAYS, set_decay
@@ -83,6 +83,7 @@ class Columns(NamedTuple):
     Z: np.ndarray
     C: np.ndarray
     F: np.ndarray
+    pool: tuple | None
 
 
 @structure
@@ -123,6 +124,7 @@ def extrapolate(work, run, y, t, length):
                 y[i] = work.best[i]
             y[offsets.newton_iterations] = work.columns.y[offsets.newton_iterations, 0]  # those of the last column
             unit_quaternions(run.scene.floating, run.scene.trees, offsets.base_q, y)
+            _keep_features(run.scene.pairs, run, y)
             _first_slope(implicit, run, y, t + h)
             pace[STEPS] += 1.0
             _choose(work, count - 1, h, length, rejected)
@@ -146,6 +148,14 @@ def extrapolate(work, run, y, t, length):
         if not pace[STEP] > run.plan.least_step:
             return 0.0
     return 0.0
+
+
+@if_present()
+def _keep_features(pairs, run, y):
+    """Take over which features of pairs have which slots, as the last column found them."""
+    start = run.offsets[0].pair_feature
+    for i in range(start, start + len(run.work.columns.pool.pair)):
+        y[i] = run.work.columns.y[i, 0]
 
 
 @inline
@@ -392,7 +402,7 @@ def _slope(run, columns, slope):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, part=None,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, pool=x.pool, part=None,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -404,15 +414,15 @@ def _euler(ended, run, columns):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, part=None,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, pool=x.pool, part=None,
     )  # fmt: skip
     if ended is None:
-        solve_trees(scene.trees, at)
-        x.branch[0] = branches(scene.contact, at)
+        solve_trees(scene.trees, scene.pairs, at)
+        x.branch[0] = branches(scene.contact, scene.pairs, at)
         advance_trees(scene.trees, at)
         _sum_apart(scene.floating, run, x, h)
     else:
-        x.branch[0] = branches_at_start(scene.contact, at)
+        x.branch[0] = branches_at_start(scene.contact, scene.pairs, at)
 
 
 @inline

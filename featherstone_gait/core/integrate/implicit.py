@@ -32,7 +32,7 @@ def implicit_step(work, run, y, t, theta):
         scene=scene, actuator=act, decay=decay, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
         predicted=work.predicted, t=t, span=h, h=h, h_implicit=theta * h, theta=theta,
         extrapolation_ratio=only_if(work.predicted, (1.0 - theta) / theta), tolerance=NEWTON_TOLERANCE,
-        W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, part=None,
+        W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, pool=scratch.pool, part=None,
     )  # fmt: skip
     step_trees(at)
 

@@ -12,8 +12,11 @@ import numpy as np
 
 from ..compile.by_type import by_type, overridable
 from ..effects.contact import SCRATCH as CONTACT_SCRATCH
+from ..effects.pair import COLUMNS as PAIR_SCRATCH
+from ..effects.pair import OLD, Pool
 from ..step.context import Scratch
 from ..step.newton import SCRATCH as JOINT_SCRATCH
+from ..tree.rows import SIDE
 
 RTOL = 1e-8  # error allowed of a step, where none is given
 
@@ -30,6 +33,10 @@ class Sizes(NamedTuple):
     motors: int  # rows of the table of decays, 0 without
     driven: bool  # by torques from outside
     stiff: bool  # something that an implicit step takes in limits explicit steps
+    pairs: tuple | None  # Pairs of the scene
+    bench: tuple | None  # Bench of the largest shapes: scratch of the narrow phase
+    trees: int
+    largest: int  # bodies of the largest tree
 
 
 class Integrator(NamedTuple):
@@ -106,4 +113,25 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
         zeros((JOINT_SCRATCH, max(sizes.n, 1))),
         zeros((max(sizes.points, 1), CONTACT_SCRATCH)),
         zeros((sizes.bodies, 6)),
+        pool_of(sizes, zeros),
     )
+
+
+def pool_of(sizes: Sizes, zeros) -> Pool | None:
+    """Make the scratch arrays of pairs, None without."""
+    if sizes.pairs is None:
+        return None
+    slots, trees = int(sizes.pairs.slots[0]), sizes.trees
+    rows = 3 * slots
+
+    def whole(size):
+        return np.zeros(size, np.int64)
+
+    return Pool(
+        C=zeros((slots, PAIR_SCRATCH)), pair=whole(slots), count=whole(2), parent=whole(trees), trees=whole(trees),
+        first_tree=whole(trees + 1), points=whole(slots), first_point=whole(trees + 1), island=whole(trees),
+        label=zeros(trees), at_work=zeros(trees), wrong=zeros(trees), slope=zeros(trees), fraction=zeros(trees),
+        shared=zeros(trees), row_point=whole(slots), envelope=whole(slots),
+        responses=zeros((rows, 2, sizes.largest)), roots=zeros((rows, 2, SIDE)), matrix=zeros((rows, rows)),
+        force=zeros((2, rows)), manifold=np.zeros((8, 8)), bench=sizes.bench, old=np.zeros((slots, OLD)),
+    )  # fmt: skip

@@ -7,6 +7,7 @@ from ..compile.outside import read_now
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import apply_delayed, control_tick
+from ..step.pool import renew_pool
 from ..step.program import commanded, writes_torques
 from ..step.signals import EVENT_MARGIN, evaluate, time_of
 from ..tree.coupling import follow
@@ -15,7 +16,7 @@ from ..tree.forest import base_of, joint_count
 from ..tree.kinematics import quaternion_matrix
 from .integrator import take_step, thetas
 
-OK, FELL, DIVERGED, TOO_SMALL, TOO_COSTLY = 0, 1, 2, 3, 4
+OK, FELL, DIVERGED, TOO_SMALL, TOO_COSTLY, FULL = 0, 1, 2, 3, 4, 5
 NEVER = -1e300  # a height below which no robot falls
 TOO_FAST = 1e8  # sum of the sizes of speeds and of the base's position beyond which a run has diverged
 
@@ -40,6 +41,10 @@ def rollout(run, y, out):
             record(run, y, k // plan.per_sample, out)
         if k == plan.steps or read_now(run.stop) != 0 or not any_lane(invert(dead)):
             break
+        if not renew_pool(run.scene.pairs, run, y, plan.h, k == 0):
+            _end_full(dead, run, y)
+            record(run, y, k // plan.per_sample, out)
+            break
         take_step(run.work, run, y, t, theta)
         follow(run.scene.coupling, offsets, y)
         _freeze_ended(dead, run.good, y)
@@ -53,6 +58,13 @@ def record(run, y, m, out):
     """Fill row m of out (samples, channels) with y[run.channels]."""
     for j in range(len(run.channels)):
         out[m, j] = y[run.channels[j]]
+
+
+@inline
+def _end_full(dead, run, y):
+    """End all runs that go on: more pairs are near than the pool has slots for."""
+    status = run.offsets[0].status
+    y[status] = select(dead, y[status], FULL + 0.0 * y[status])
 
 
 @inline

@@ -12,10 +12,12 @@ from ..effects.energies import FRICTION as LOSS
 from ..effects.friction import move_friction
 from ..effects.gear_friction import GearFriction
 from ..effects.joint_spring import plus_spring
+from ..effects.pair import move_pairs
 from ..effects.stop import move_stop
 from ..tree.forest import base_of, is_fixed, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, move_base
 from .context import of_tree
+from .island import solve_islands
 from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, rotor_speed, solve_step, with_predicted
 
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
@@ -24,15 +26,17 @@ CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 @inline
 def step_trees(step):
     """Take a linearly implicit step of all trees."""
-    solve_trees(step.scene.trees, step)
+    solve_trees(step.scene.trees, step.scene.pairs, step)
     advance_trees(step.scene.trees, step)
 
 
 @inline
-def solve_trees(trees, step):
-    """Solve the step of each tree; trees (trees,) TREE, None for the only one."""
+def solve_trees(trees, pairs, step):
+    """Solve the step of each tree; trees (trees,) TREE, None for the only one; pairs None where nothing touches."""
     if trees is None:
         solve_step(step)
+    elif pairs is not None:
+        solve_islands(pairs, step)
     else:
         for k in range(len(trees)):
             solve_step(of_tree(step, trees[k]))
@@ -44,6 +48,7 @@ def advance_trees(trees, step):
     if trees is None:
         advance(step)
     else:
+        move_pairs(step.scene.pairs, step)
         for k in range(len(trees)):
             advance(of_tree(step, trees[k]))
 

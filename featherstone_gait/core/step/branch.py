@@ -5,16 +5,18 @@ from ..effects.actuator import actuator_branch, rotor_of
 from ..effects.contact import U0, UN, contact_branch, place_contacts
 from ..effects.friction import friction_branch
 from ..effects.gear_friction import GearFriction, gear_branch
+from ..effects.pair import pair_branch, place_pairs
 from ..effects.stop import stop_branch
 from ..tree.forest import joint_count, joints_of, points_of
 from .context import of_tree
+from .island import lookahead
 from .newton import VN, VP, WK, WN, loads, predict, rotor_speed
 
 GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, have no sum in common
 
 
 @kernel
-def branches(contact, step):
+def branches(contact, pairs, step):
     """Return a number that identifies the branches of the laws at the step's solution."""
     key = 0.0 * step.Z[VN, 0]
     n = joint_count(step.scene.trees, step.scene.tree)
@@ -28,6 +30,10 @@ def branches(contact, step):
     if contact is not None:
         for c in range(len(contact.points)):
             key = key + _weight(3 * n + c) * contact_branch(contact, step, c)
+    if pairs is not None:
+        for c in range(step.pool.count[0]):
+            pair = pairs.pairs[step.pool.pair[c]]
+            key = key + _weight(3 * n + 1000 + c) * pair_branch(pair, step, c)
     return key
 
 
@@ -38,10 +44,15 @@ def _and_that_of_loads(friction, step, i, v, w):
 
 
 @kernel
-def branches_at_start(contact, step):
+def branches_at_start(contact, pairs, step):
     """Return the same for the start of a step of Euler's."""
     _begin(step.scene.trees, contact, step)
-    return branches(contact, step)
+    if pairs is not None:
+        place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
+        for c in range(step.pool.count[0]):
+            for k in range(3):
+                step.pool.C[c, UN + k] = step.pool.C[c, U0 + k]
+    return branches(contact, pairs, step)
 
 
 @inline

@@ -38,6 +38,7 @@ class Scene(NamedTuple):
     joint_springs: np.ndarray | None = None  # (n,) JOINT_SPRING
     lifts: np.ndarray | None = None  # (links,) PUSH, at all times, that bear weight
     trees: np.ndarray | None = None  # (trees,) TREE of a scene of several trees
+    pairs: tuple | None = None  # Pairs: shapes that may touch; a scene that has any has `trees`
 
 
 @structure
@@ -74,6 +75,7 @@ class Scratch(NamedTuple):
     Z: np.ndarray  # joints: see newton.py
     C: np.ndarray  # contact points: see effects/contact.py
     F: np.ndarray  # pushes and springs (bodies, 6)
+    pool: tuple | None  # Pool of pairs: see effects/pair.py
 
 
 @structure
@@ -89,6 +91,7 @@ class Run(NamedTuple):
     channels: np.ndarray  # indices into the state of what is recorded
     frames: np.ndarray | None  # rows of the tree's workspace, in which falls are looked for; None: there are none
     stop: np.ndarray  # (1,): not 0 where the run is wanted no longer; another thread sets it
+    renewal: tuple | None  # Renewal of the pool of pairs: see pool.py
 
     # But for what is `Varying` in them: any number of the scene may be, and of the plan min_height.
     SHARED = ("scene", "offsets", "plan", "channels", "stop")
@@ -117,6 +120,7 @@ class Step(NamedTuple):
     Z: np.ndarray
     C: np.ndarray
     F: np.ndarray
+    pool: tuple | None
     part: np.record | None  # TREE of the one of several trees that takes the step
 
 
@@ -127,5 +131,5 @@ def of_tree(step, part):
         scene=step.scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, part=part,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=part,
     )  # fmt: skip

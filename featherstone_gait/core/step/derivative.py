@@ -6,7 +6,7 @@ outputs of each evaluation.
 
 from ..compile.by_type import overridable
 from ..compile.jit import inline
-from ..compile.optional import item_or_zero, plus_item
+from ..compile.optional import any_present, item_or_zero, plus_item
 from ..effects.actuator import actuator_rates
 from ..effects.contact import contact_rates
 from ..effects.energies import ENERGIES, WORK
@@ -14,6 +14,7 @@ from ..effects.energies import FRICTION as LOSS
 from ..effects.friction import direction, friction_rates
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.joint_spring import plus_spring
+from ..effects.pair import pair_rates
 from ..effects.stop import stop_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
@@ -25,25 +26,30 @@ from .newton import CJ, DIAGONAL, TAU, accelerations, external_forces
 @inline
 def derivative(step, dy):
     """Fill dy, zero to begin with, up to the voltages; also torque, contact force and accelerations in y."""
-    _derivatives(step.scene.trees, step, dy)
+    _derivatives(step.scene.trees, step.scene.pairs, step, dy)
 
 
 @inline
-def _derivatives(trees, step, dy):
+def _derivatives(trees, pairs, step, dy):
     if trees is None:
-        _derivative(step, dy)
+        _forces(step, dy)
+        _rates(any_present(step.scene.contact, pairs), step, dy)
     else:
         for k in range(len(trees)):
-            _derivative(of_tree(step, trees[k]), dy)
+            _forces(of_tree(step, trees[k]), dy)
+        if pairs is not None:
+            pair_rates(pairs, step, dy)
+        for k in range(len(trees)):
+            _rates(any_present(step.scene.contact, pairs), of_tree(step, trees[k]), dy)
 
 
 @inline
-def _derivative(step, dy):
-    """Fill the rates of one tree, and what is derived there."""
+def _forces(step, dy):
+    """Find poses, velocities and forces of one tree, with the rates of what causes these."""
     scene, part, y, offsets = step.scene, step.part, step.y, step.offsets
     n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
-    q, v, a = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
+    q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
     motion_pass(scene.tree, part, scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
     for i in range(first, end):
         speed = v[i]
@@ -55,8 +61,17 @@ def _derivative(step, dy):
         others, _ = plus_spring(scene.joint_springs, step, i, speed, others, 0.0)
         step.Z[TAU, i] = T + others
     contact_rates(scene.contact, step, dy)
+
+
+@inline
+def _rates(contact, step, dy):
+    """Find the accelerations of one tree; contact None: no row of contacts is taken into account."""
+    scene, part, y, offsets = step.scene, step.part, step.y, step.offsets
+    n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
+    bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
+    v, a = y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
     external_forces(scene.push, scene.springs, scene.lifts, step)
-    accelerations(_armature(scene.friction, step), scene.contact, step, a)
+    accelerations(_armature(scene.friction, step), contact, step, a)
     _friction_of_acceleration(scene.friction, step, dy)
     for i in range(first, end):
         dy[offsets.q + i] = v[i]

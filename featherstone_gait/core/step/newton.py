@@ -29,6 +29,7 @@ from ..compile.lanes import any_lane, select
 from ..compile.optional import any_present, item_or_zero, only_if, plus_item
 from ..effects.actuator import actuator_force, rotor_of
 from ..effects.contact import (
+    FLOOR,
     compare_contacts,
     contact_slope,
     fold_contacts,
@@ -51,7 +52,6 @@ from ..tree.layout import Motion
 
 MAX_PASSES = 40
 BISECTIONS = 16
-FLOOR = 1e-11  # of the forces [N m, N]
 STEEPEST = 1e8  # [N m s/rad] slope of what is not dry friction
 ROUNDING = 1e-15  # of the linear model, which is the difference of large numbers where a joint sticks at some speed
 
@@ -91,7 +91,7 @@ def solve_step(step):
     place_contacts(step.scene.contact, step.predicted, step)
     external_forces(step.scene.push, step.scene.springs, step.scene.lifts, step)
     forces = any_present(any_present(acting(step), step.tau), step.scene.contact)
-    _find_velocities(forces, rotor_of(step.actuator), step.scene.contact, step)
+    find_velocities(forces, rotor_of(step.actuator), step.scene.contact, step)
 
 
 @inline
@@ -120,7 +120,7 @@ def acting(step):
 
 
 @inline
-def _find_velocities(forces, rotor, contact, step):
+def find_velocities(forces, rotor, contact, step):
     """Iterate by Newton's method, or solve one ABA where no force depends on the velocity sought."""
     if forces is None:
         _solve_free(step.scene.armature, step.predicted, step)
@@ -128,10 +128,10 @@ def _find_velocities(forces, rotor, contact, step):
     y, offsets, Z = step.y, step.offsets, step.Z
     active = Z[VP, 0] == Z[VP, 0]  # false for a lane that is not finite
     for k in range(MAX_PASSES):
-        _linearize(rotor, step)
+        linearize(rotor, step)
         linearize_contacts(contact, step)
         _solve_linear(step.scene.armature, step.predicted, rotor, step)
-        wrong, rising = _compare(rotor, contact, step)
+        wrong, rising = compare(rotor, contact, step)
         y[offsets.newton_iterations] = select(active, y[offsets.newton_iterations] + 1.0, y[offsets.newton_iterations])
         active = active & wrong
         if not any_lane(active) or k == MAX_PASSES - 1:  # the forces asked for last are those at the solution
@@ -139,7 +139,7 @@ def _find_velocities(forces, rotor, contact, step):
         fraction = 1.0 + 0.0 * Z[VP, 0]
         if k > 0 and any_lane(active & (rising > 0.0)):
             fraction = _line_search(rotor, contact, step, rising)
-        _advance(rotor, contact, step, fraction, active)
+        move_iterate(rotor, contact, step, fraction, active)
     y[offsets.newton_iterations + 1] = select(
         active, y[offsets.newton_iterations + 1] + 1.0, y[offsets.newton_iterations + 1]
     )
@@ -285,17 +285,23 @@ def _solve_free(armature, predicted, step):
 @inline
 def accelerations(diagonal, contact, step, qdd):
     """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
+    articulate(diagonal, contact, step)
+    acceleration_pass(step.scene.tree, step.part, step.W, qdd)
+
+
+@inline
+def articulate(diagonal, contact, step):
+    """Do the first of these passes, and what couples joints; contact None leaves contact rows out of account."""
     scene, part = step.scene, step.part
     base_q = base_of(scene.floating, part, step.y, step.offsets.base_q, 7)
     external = any_present(scene.push, any_present(scene.springs, scene.lifts))
     wrench = only_if(external, step.F)
     articulated_pass(scene.tree, part, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
     constrain(scene.coupling, part, base_q, contact, scene.tree, step.W)
-    acceleration_pass(scene.tree, part, step.W, qdd)
 
 
 @kernel
-def _linearize(rotor, step):
+def linearize(rotor, step):
     """Linearize the forces about VK, WK and eliminate the rotor: T = T0 - CJ v."""
     Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
     for i in range(first, end):
@@ -319,6 +325,14 @@ def _linearize(rotor, step):
 @kernel
 def _solve_linear(armature, predicted, rotor, step):
     """Solve the linear model by one ABA; fill velocities and the model's forces at its solution."""
+    prepare(armature, predicted, step)
+    accelerations(step.Z[DIAGONAL], step.scene.contact, step, step.Z[DA])
+    fill_solution(rotor, step)
+
+
+@inline
+def prepare(armature, predicted, step):
+    """Fill the torques and the diagonal that the linear model gives the ABA, and the contact rows of the bodies."""
     Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
     for i in range(first, end):
         Z[TAU, i] = Z[T0, i] - Z[CJ, i] * Z[VP, i]
@@ -328,7 +342,12 @@ def _solve_linear(armature, predicted, rotor, step):
             if predicted is not None:
                 Z[TAU, i] = Z[TAU, i] - armature[i] * step.y[step.offsets.qdd + i]
     fold_contacts(step.scene.contact, step, step.h_implicit)
-    accelerations(Z[DIAGONAL], step.scene.contact, step, Z[DA])
+
+
+@inline
+def fill_solution(rotor, step):
+    """Fill velocities and the model's forces at the solution, whose accelerations DA the ABA has found."""
+    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
     for i in range(first, end):
         v = Z[VP, i] + step.h_implicit * Z[DA, i]
         Z[VN, i] = v
@@ -344,7 +363,7 @@ def _solve_linear(armature, predicted, rotor, step):
 
 
 @kernel
-def _compare(rotor, contact, step):
+def compare(rotor, contact, step):
     """Return where the forces at the solution differ from the linear model's, and the slope of the descent there."""
     Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
     slope = 0.0 * Z[VN, 0]
@@ -358,7 +377,7 @@ def _compare(rotor, contact, step):
         if rotor is not None:
             wrong = wrong | (abs(F - Z[FLW, i]) > step.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
             slope = slope + (w - Z[WK, i]) * (Z[FLW, i] - F)
-    return compare_contacts(contact, step, wrong, slope, step.tolerance, FLOOR)
+    return compare_contacts(contact, step, wrong, slope)
 
 
 @kernel
@@ -368,13 +387,13 @@ def _line_search(rotor, contact, step, rising):
     high = 1.0 + 0.0 * rising
     for _ in range(BISECTIONS):
         fraction = 0.5 * (low + high)
-        up = _slope(rotor, contact, step, fraction) > 0.0
+        up = descent_slope(rotor, contact, step, fraction) > 0.0
         low, high = select(up, low, fraction), select(up, fraction, high)
     return select(rising > 0.0, 0.5 * (low + high), 1.0 + 0.0 * rising)
 
 
 @kernel
-def _slope(rotor, contact, step, fraction):
+def descent_slope(rotor, contact, step, fraction):
     """Return the slope of the convex function at a fraction of the pass: inertial less applied force."""
     Z, slope, (first, end) = step.Z, 0.0 * fraction, joints_of(step.part, step.scene.tree)
     for i in range(first, end):
@@ -389,7 +408,7 @@ def _slope(rotor, contact, step, fraction):
 
 
 @kernel
-def _advance(rotor, contact, step, fraction, active):
+def move_iterate(rotor, contact, step, fraction, active):
     """Move the iterate by a fraction of the pass, in the lanes still at work."""
     Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
     for i in range(first, end):

@@ -23,7 +23,9 @@ from ..effects.energies import ENERGIES
 from .pace import PACE
 
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
-Of = Literal["base", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source"]
+Of = Literal[
+    "base", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot", "pairs"
+]  # fmt: skip
 
 
 class Channel(NamedTuple):
@@ -32,7 +34,8 @@ class Channel(NamedTuple):
     name: str
     kind: Kind
     of: Of  # what has it: each floating base, joint, joint with a servo or rotor, contact point, tree, the run,
-    # the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do
+    # the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
+    # each slot for a point of a pair that touches, and all pairs together
     width: int  # numbers each
     unit: str
     what: str
@@ -54,8 +57,10 @@ CHANNELS = (
     Channel("rotor_speed", "controlled", "rotor", 1, "rad/s", "rotor speeds over the gear ratio"),
     Channel("filtered_speed", "controlled", "servo", 1, "rad/s or m/s", "joint velocities as the controller sees them"),
     Channel("tangential_deflection", "controlled", "point", 2, "m", "tangential deflection of a contact", _FORCE[1:]),
+    Channel("pair_deflection", "controlled", "slot", 3, "m", "bristle of a pair, in its second body", tuple("xyz")),
     Channel("energy", "integrated", "joint", ENERGIES, "J", "where the energy of a joint went", _WORKS),
     Channel("contact_work", "integrated", "tree", 1, "J", "work of the ground on the robot"),
+    Channel("pair_work", "integrated", "pairs", 1, "J", "work of the forces between bodies on both"),
     Channel("source_loss", "integrated", "source", 1, "J", "what the resistance of the supply took"),
     Channel("voltage", "held", "servo", 1, "V", "motor voltages"),
     Channel("integral", "held", "servo", 1, "rad s or rad", "integral of the controller's error"),
@@ -64,15 +69,22 @@ CHANNELS = (
     Channel("duty", "held", "fed", 1, "-", "duty cycles, by which servos share the bus"),
     Channel("bus_voltage", "held", "source", 1, "V", "voltage of the supply under its load"),
     Channel("delayed", "held", "delay", 1, "V", "voltages that wait, oldest first, at the nominal supply"),
+    Channel("pair", "held", "slot", 1, "-", "1 + index of the pair that has the slot, 0 of none"),
+    Channel("pair_feature", "held", "slot", 1, "-", "1 + feature that touches, 0 of none"),
     Channel("base_qdd", "derived", "base", 6, "m/s², rad/s²", "rates of base_qd"),
     Channel("qdd", "derived", "joint", 1, "rad/s² or m/s²", "joint accelerations"),
     Channel("torque", "derived", "joint", 1, "N m or N", "what drives a joint: actuator and torques from outside"),
     Channel("contact_force", "derived", "point", 3, "N", "force of the ground on a contact point", _FORCE),
+    Channel("pair_force", "derived", "slot", 3, "N", "force between bodies on the first, world axes", tuple("xyz")),
+    Channel("pair_normal_force", "derived", "slot", 1, "N", "its part along the normal"),
+    Channel("pair_gap", "derived", "slot", 1, "m", "gap of the surfaces, negative where they overlap"),
+    Channel("pair_position", "derived", "slot", 3, "m", "where the force acts, world frame", tuple("xyz")),
     Channel("velocity_change", "watched", "joint", 1, "rad/s or m/s", "last change of qd"),
     Channel("chatter", "watched", "joint", 1, "rad/s or m/s", "running mean of alternating less lasting changes of qd"),
     Channel("worst_chatter", "watched", "joint", 1, "rad/s or m/s", "the largest chatter so far"),
     Channel("newton_iterations", "watched", "run", 2, "-", "Newton passes, and steps in which they did not converge"),
     Channel("step_control", "run", "run", PACE, "-", "of error control"),
+    Channel("pair_budget", "run", "pairs", 1, "m", "way that bodies may move until pairs are looked for anew"),
     Channel("status", "run", "run", 1, "-", "how the run has ended"),
     Channel("end_time", "run", "run", 1, "s", "time reached, of a run that failed the time of that"),
     Channel("power", "computed", "joint", 1, "W", "mechanical power on the joint", (), ("torque", "qd"), np.multiply),

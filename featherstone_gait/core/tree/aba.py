@@ -161,9 +161,15 @@ def constrain(coupling, part, base_q, contact, tree, W):
         if base_q is None:
             couple(None, coupling, part, tree, W)
         else:
-            root, _ = rows_of(part, tree)
-            J, H, M, _, _ = _articulated_body(tree[root], root, None, contact, W)
-            couple((J, H, M), coupling, part, tree, W)
+            couple(root_inertia(tree, part, contact, W), coupling, part, tree, W)
+
+
+@inline
+def root_inertia(tree, part, contact, W):
+    """Return the articulated inertia (J, H, M) of a floating base, which the first pass has left."""
+    root, _ = rows_of(part, tree)
+    J, H, M, _, _ = _articulated_body(tree[root], root, None, contact, W)
+    return J, H, M
 
 
 # ------------------------------------------------------------------------- pass 3, root to tips: qdd and dA

@@ -27,6 +27,16 @@ def motion_pass(tree, part, gravity, motion, W):
         joint_motion(b, i, motion.qd[b.dof], item(motion.qdd, b.dof), W)
 
 
+@kernel
+def pose_pass(tree, part, base_q, q, W):
+    """Fill R and P of every row of a tree that floats."""
+    root, end = rows_of(part, tree)
+    store3(W, root, P, (0.0, 0.0, 0.0))
+    store9(W, root, R, quaternion_matrix(base_q))
+    for i in range(root + 1, end):
+        joint_pose(tree[i], i, q[tree[i].dof], W)
+
+
 @inline
 def _root(root, base_q, base_qd, base_qdd, gravity, W):
     """Fill the root's row: the world, or the floating base."""

@@ -1,0 +1,119 @@
+"""Rows that couple two trees, or two links of one, beside the fold: unit forces in the factors that the ABA has left.
+
+The first pass of the ABA (`articulated_pass`) has factorised the mass matrix A of a tree, with what the step has folded
+into it.  A unit force at a point of body i leaves on its way to the root
+
+    p = -[x x d; d],   u_i = -S_i' p,   p += U_i u_i / D_i   from body to body,
+
+and at the root p0, to which a floating base answers by dA = -IA^-1 p0.  Of two forces r and s on one tree
+
+    J_r A^-1 J_s' = sum over joints u_r u_s / D - p0_r' dA_s,
+
+and with what the first pass has left in u and dA of the tree itself, the same sum is J_r a of its solution a.  Forces f
+then change u by f u_r and dA of the root by f dA_r, and the second pass finds the accelerations of all bodies.
+
+A row has two sides, one for each tree that it acts on; if both ends are in one tree, both are in the first.
+"""
+
+from ..compile.jit import inline, kernel
+from .aba import root_inertia
+from .coupling import DA, ROOT, SIZE
+from .forest import couplings_of, is_fixed, rows_of
+from .joint import along
+from .layout import COLUMNS, DINV, UU, U
+from .spatial import add, cross, load3, scale, solve6, store3
+
+SIDE = 12  # numbers of a side at the root: ROOT and DA of coupling.py
+
+
+@inline
+def clear_row(part, tree, r, side, responses, roots):
+    """Set the side of row r to that of no force."""
+    root, end = rows_of(part, tree)
+    for i in range(end - root):
+        responses[r, side, i] = 0.0
+    for k in range(SIDE):
+        roots[r, side, k] = 0.0
+
+
+@kernel
+def add_force(tree, part, i, at, d, r, side, W, responses, roots):
+    """Add a force d (3) [N] at the point `at` (3) [m] of body i, common frame, to the side of row r."""
+    root, _ = rows_of(part, tree)
+    m = cross(at, d)
+    n, f = (-m[0], -m[1], -m[2]), (-d[0], -d[1], -d[2])
+    while i > root:
+        u = -along(tree[i], i, n, f, W)
+        responses[r, side, i - root] += u
+        x = u * W[i, DINV]
+        n, f = add(n, scale(load3(W, i, U), x)), add(f, scale(load3(W, i, U + 3), x))
+        i = tree[i].parent
+    for k in range(3):
+        roots[r, side, ROOT + k] += n[k]
+        roots[r, side, ROOT + 3 + k] += f[k]
+
+
+@inline
+def answer_root(scene, part, contact, first, count, side, W, responses, roots):
+    """Fill what the base of a tree answers to `count` rows, and keep couplings of joints out of them."""
+    if not is_fixed(part):
+        J, H, M = root_inertia(scene.tree, part, contact, W)
+        for r in range(first, first + count):
+            a = solve6(J, H, M, load3(roots[r], side, ROOT), load3(roots[r], side, ROOT + 3))
+            store3(roots[r], side, DA, (-a[0], -a[1], -a[2]))
+            store3(roots[r], side, DA + 3, (-a[3], -a[4], -a[5]))
+    _uncouple(scene.coupling, part, scene.tree, first, count, side, W, responses, roots)
+
+
+@inline
+def _uncouple(coupling, part, tree, first, count, side, W, responses, roots):
+    """Take from rows what they would move couplings, so that followers go with their leaders (coupling.py)."""
+    if coupling is not None:
+        root, end = rows_of(part, tree)
+        begin, stop = couplings_of(part, coupling)
+        for r in range(first, first + count):
+            for c in range(begin, stop):
+                row, a = coupling[c].row, 0.0 * W[root, DINV]
+                for i in range(root + 1, end):
+                    a = a + W[i, COLUMNS + c] * responses[r, side, i - root] * W[i, DINV]
+                for k in range(6):
+                    a = a - W[row, ROOT + k] * roots[r, side, DA + k]
+                a = a / W[row, SIZE]
+                for i in range(root + 1, end):
+                    responses[r, side, i - root] -= a * W[i, COLUMNS + c]
+                for k in range(SIDE):
+                    roots[r, side, k] -= a * W[row, ROOT + k]
+
+
+@kernel
+def product(part, tree, r, a, s, b, W, responses, roots):
+    """Return J_r A^-1 J_s' [1/kg] of the side a of row r and the side b of row s, which act on one tree."""
+    root, end = rows_of(part, tree)
+    total = 0.0 * W[root, DINV]
+    for i in range(1, end - root):
+        total = total + responses[r, a, i] * responses[s, b, i] * W[root + i, DINV]
+    for k in range(6):
+        total = total - roots[r, a, ROOT + k] * roots[s, b, DA + k]
+    return total
+
+
+@kernel
+def acceleration_along(part, tree, r, side, W, responses, roots):
+    """Return J_r a [m/s^2] of the tree's solution, without forces of rows."""
+    root, end = rows_of(part, tree)
+    total = 0.0 * W[root, DINV]
+    for i in range(1, end - root):
+        total = total + responses[r, side, i] * W[root + i, UU] * W[root + i, DINV]
+    for k in range(6):
+        total = total - roots[r, side, ROOT + k] * W[root, U + k]
+    return total
+
+
+@kernel
+def apply_row(part, tree, r, side, f, W, responses, roots):
+    """Let the force f [N] of row r act on the tree's solution."""
+    root, end = rows_of(part, tree)
+    for i in range(1, end - root):
+        W[root + i, UU] += f * responses[r, side, i]
+    for k in range(6):
+        W[root, U + k] += f * roots[r, side, DA + k]
