@@ -224,14 +224,16 @@ def _laid_out(shape: Shape | HalfSpace) -> _LaidOut:
 
 
 def contact_bench(shapes: Shapes) -> Bench:
-    """Make the scratch arrays that contact of any two of these shapes needs."""
+    """Make the scratch arrays that contact of any two of these shapes needs; kinds that are absent have no code."""
+    kinds = {int(kind) for kind in shapes.table["kind"]}
     vertices, sides = (max(int(shapes.table[name].max(initial=1)), 1) for name in ("vertices", "sides"))
     return Bench(
         np.zeros((4, 3)),
         np.zeros((4, 3)),
         np.zeros((2, vertices, 3)),
         np.zeros((2, 2 * vertices + 16, 6)),
-        np.zeros((2, sides), np.int64),
+        np.zeros((2, sides), np.int64) if kinds & {BOX, HULL} else None,
+        np.zeros(0) if CYLINDER in kinds else None,
     )
 
 

@@ -23,7 +23,7 @@ class Polytope(NamedTuple):
     planes: np.ndarray  # (faces, 4) outward unit normals and distances from the origin [m]
     loops: np.ndarray  # (faces, 2) first row in `around` and number of rows
     around: np.ndarray  # (all, 2) vertices of a face, counterclockwise from outside, and the side from each to the next
-    sides: np.ndarray  # (sides, 2) vertices of the edges
+    sides: np.ndarray  # (sides, 4) vertices of the edges, the face that goes from one to the other, and back; or -1
 
 
 def segment(half: float) -> Polytope:
@@ -87,6 +87,8 @@ def _polytope(vertices: np.ndarray, loops: list[list[int]], normals: np.ndarray)
     sides = np.unique(np.array(pairs, np.int64).reshape(-1, 2), axis=0)
     number = {tuple(pair): k for k, pair in enumerate(sides.tolist())}
     around = [(i, number[min(i, j), max(i, j)]) for loop in loops for i, j in zip(loop, loop[1:] + loop[:1])]
+    goes = {edge: k for k, loop in enumerate(loops) for edge in zip(loop, loop[1:] + loop[:1])}
+    beside = [(goes.get((i, j), -1), goes.get((j, i), -1)) for i, j in sides.tolist()]
     counts = np.array([len(loop) for loop in loops], np.int64)
     offsets = [float(total(vertices * normal).max()) for normal in normals]
     return Polytope(
@@ -94,5 +96,5 @@ def _polytope(vertices: np.ndarray, loops: list[list[int]], normals: np.ndarray)
         np.column_stack([normals, np.array(offsets)]) if len(normals) else np.zeros((0, 4)),
         np.column_stack([np.cumsum(counts) - counts, counts]).astype(np.int64),
         np.array(around, np.int64).reshape(-1, 2),
-        sides,
+        np.column_stack([sides, np.array(beside, np.int64).reshape(-1, 2)]),
     )

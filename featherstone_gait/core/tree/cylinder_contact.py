@@ -10,6 +10,7 @@ between convex polytopes using dual-space expansion", IEEE Trans. Visualization 
 from math import inf, sqrt
 
 from ..compile.jit import kernel
+from ..compile.optional import if_present
 from .closest import difference_towards, nearest_points, put_lines
 from .distance import CYLINDER, column
 from .patch import (
@@ -19,6 +20,7 @@ from .patch import (
     SIDES,
     VERTEX,
     deepest_row,
+    fade,
     keep_deep,
     lay_vertices,
     lowest,
@@ -88,9 +90,12 @@ def _axis(pair, second):
     return column(pair.R, 2) if second else (0.0, 0.0, 1.0)
 
 
-@kernel
-def cylinder_points(pair, shapes, bench, out):
-    """Fill out with the contact points of a polytope or a cylinder, and a cylinder; return their count."""
+@if_present(0)
+def cylinder_points(ends, pair, shapes, bench, out):
+    """Fill out with the contact points of a polytope or a cylinder, and a cylinder; return their count.
+
+    ends: that of the bench.
+    """
     lay_vertices(pair, shapes, bench)
     most, slack = pair.radii + pair.margin, SAME * pair.size
     sa, fa = _best_face(pair, shapes, bench, False)
@@ -335,7 +340,7 @@ def _other_directions(pair, shapes, gap, n):
         gap, n = _better(pair, shapes, (c[0], c[1], 0.0), gap, n)
         return _better(pair, shapes, scale((v[1], -v[0], 0.0), pair.size), gap, n)
     for k in range(pair.a.sides):
-        i, j = shapes.sides[pair.a.first_side + k]
+        i, j = shapes.sides[pair.a.first_side + k, 0], shapes.sides[pair.a.first_side + k, 1]
         p, q = vector(shapes.corners[pair.a.first_vertex + i]), vector(shapes.corners[pair.a.first_vertex + j])
         gap, n = _better(pair, shapes, cross(sub(q, p), v), gap, n)
     return gap, n
@@ -374,6 +379,7 @@ def _along(pair, shapes, bench, out, n, xa, gap):
         P, count = bench.rows[0], _face_rows(pair, shapes, bench, second, face, m)
         count = keep_deep(pair, P, count, m, offset, best)
         count = with_nearest(pair, P, count, xa if second else sub(xa, scale(n, gap)), gap)
+        fade(pair, P, count, m, n)
         return put_rows(pair, out, P, count, n, second)
     found, line, side = _side_line(pair, shapes, bench, n)
     if found:

@@ -57,7 +57,7 @@ class Shapes(NamedTuple):
     planes: np.ndarray  # (all, 4) outward unit normal of each face and its distance from the center [m]
     loops: np.ndarray  # (all, 2) of each face: its first row in `around`, and how many it has
     around: np.ndarray  # (all, 2) vertices of a face, counterclockwise from outside, and the side from each to the next
-    sides: np.ndarray  # (all, 2) the two vertices of each side
+    sides: np.ndarray  # (all, 4) two vertices of each, the face that goes from one to the other, and back; or -1
 
 
 @structure

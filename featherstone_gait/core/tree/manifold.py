@@ -49,10 +49,10 @@ def _points(pair, shapes, bench, out):
     if a == POINT:
         return _sphere(pair, shapes, out)
     if b == CYLINDER:
-        return cylinder_points(pair, shapes, bench, out)
+        return cylinder_points(bench.ends, pair, shapes, bench, out)
     if b == SEGMENT:
         return _capsules(pair, out)
-    return polytope_points(pair, shapes, bench, out)
+    return polytope_points(bench.near, pair, shapes, bench, out)
 
 
 @kernel

@@ -31,7 +31,8 @@ class Bench(NamedTuple):
     witness: np.ndarray  # (4, 3) points of the first shape [m]
     vertices: np.ndarray  # (2, most vertices of a shape, 3) of both shapes [m]
     rows: np.ndarray  # (2, 2 x the most vertices of a shape + 16, 6): point [m], feature, side to the next, depth [m]
-    near: np.ndarray  # (2, most sides of a shape) of them, int64
+    near: np.ndarray | None  # (2, most sides of a shape) of them, int64; None where no shape is a box or a hull
+    ends: np.ndarray | None  # (0,); None where no shape is a cylinder
 
 
 @structure
@@ -164,6 +165,19 @@ def with_nearest(pair, P, count, x, gap):
     return count
 
 
+@kernel
+def fade(pair, P, count, m, n):
+    """Take depth over the margin from all rows but the deepest, all of it where n is `PARALLEL` off a face's normal m.
+
+    So those that lie over the face do not vanish at once when the shapes turn from touching along it.
+    """
+    turned, deep = cross(m, n), deepest_row(P, count)
+    keep = max(0.0, 1.0 - sqrt(dot(turned, turned)) / PARALLEL)
+    for k in range(count):
+        if k != deep:
+            P[k, 5] = keep * (P[k, 5] + pair.margin) - pair.margin
+
+
 @inline
 def write_row(P, k, x, feature, label):
     """Write a point, its feature and the label of the side that follows."""
@@ -174,8 +188,8 @@ def write_row(P, k, x, feature, label):
 
 @inline
 def up(pair):
-    """Return the common frame's z, which stands for a normal where there is none."""
-    return rotate_back(pair.E, (0.0, 0.0, 1.0))
+    """Return the n that is given out as the common frame's z, which stands for a normal where there is none."""
+    return rotate_back(pair.E, (0.0, 0.0, pair.side))
 
 
 @inline

@@ -9,6 +9,7 @@ its sides (I. E. Sutherland, G. W. Hodgman, "Reentrant polygon clipping", Commun
 from math import inf, sqrt
 
 from ..compile.jit import kernel
+from ..compile.optional import if_present
 from .closest import closest_on_lines, nearest_points, put_lines
 from .patch import (
     NEAREST,
@@ -19,6 +20,7 @@ from .patch import (
     TINY,
     VERTEX,
     deepest_row,
+    fade,
     keep_deep,
     lay_vertices,
     lowest,
@@ -30,12 +32,12 @@ from .patch import (
     with_nearest,
     write_row,
 )
-from .spatial import add, cross, dot, load3, scale, sub
+from .spatial import add, cross, dot, load3, rotate, rotate_back, scale, sub, vector
 
 
-@kernel
-def polytope_points(pair, shapes, bench, out):
-    """Fill out with the contact points of two polytopes; return their count."""
+@if_present(0)
+def polytope_points(near, pair, shapes, bench, out):
+    """Fill out with the contact points of two polytopes; return their count.  near: that of the bench."""
     lay_vertices(pair, shapes, bench)
     most = pair.radii + pair.margin
     sa, fa = best_face(pair, shapes, bench, False)
@@ -51,7 +53,7 @@ def polytope_points(pair, shapes, bench, out):
     if face < 0:
         return _by_nearest(pair, shapes, bench, out, up(pair))
     if gap <= 0.0:
-        edge, n, i, j = _best_edges(pair, shapes, bench, gap)
+        edge, n, i, j = _best_edges(near, pair, shapes, bench, gap)
         if edge > 0.0:
             return _by_nearest(pair, shapes, bench, out, n) if edge <= most else 0
         if edge > gap:
@@ -89,10 +91,10 @@ def best_face(pair, shapes, bench, second):
 
 
 @kernel
-def _near_sides(pair, shapes, bench, second, reach):
+def _near_sides(near, pair, shapes, bench, second, reach):
     """Write which sides of a polytope come as close as `reach` [m] to the other; return their count."""
     shape = pair.b if second else pair.a
-    V, near = bench.vertices[1 if second else 0], bench.near[1 if second else 0]
+    V = bench.vertices[1 if second else 0]
     faces, count = (pair.a.faces if second else pair.b.faces), 0
     for k in range(shape.sides):
         p, q = _ends(shapes, shape, V, k)
@@ -116,35 +118,64 @@ def _ends(shapes, shape, V, side):
 
 
 @kernel
-def _best_edges(pair, shapes, bench, gap):
+def _best_edges(near, pair, shapes, bench, gap):
     """Return the largest gap along a product of edges [m], if that is more than `gap`, n, and the two sides."""
-    V, W = bench.vertices[0], bench.vertices[1]
-    slack = SAME * pair.size
+    V, W, slack = bench.vertices[0], bench.vertices[1], SAME * pair.size
     reach = max(slack - gap, pair.radii + pair.margin)
-    ours = _near_sides(pair, shapes, bench, False, reach)
-    theirs = _near_sides(pair, shapes, bench, True, reach) if ours > 0 else 0
+    ours = _near_sides(near[0], pair, shapes, bench, False, reach)
+    theirs = _near_sides(near[1], pair, shapes, bench, True, reach) if ours > 0 else 0
     best, n, at, to = gap + slack, (0.0, 0.0, 0.0), 0, 0
     for x in range(ours):
-        i = bench.near[0, x]
+        i = near[0, x]
         p, q = _ends(shapes, pair.a, V, i)
         u = sub(q, p)
+        turned = rotate_back(pair.R, u)
         for y in range(theirs):
-            j = bench.near[1, y]
+            j = near[1, y]
             r, s = _ends(shapes, pair.b, W, j)
             v = sub(s, r)
-            w = cross(u, v)
+            w = _if_both_support(pair, shapes, (i, j), (u, v, turned))
             square = dot(w, w)
             if square > TINY * TINY * (dot(u, u) * dot(v, v)):
                 m = scale(w, 1.0 / sqrt(square))
-                along = dot(m, sub(p, r))  # the gap is not more
-                for _ in range(2):
-                    if along > best:
-                        _, low = lowest(V, pair.a.vertices, m)
-                        _, high = lowest(W, pair.b.vertices, scale(m, -1.0))
-                        if low + high > best and low + high > along - slack:
-                            best, n, at, to = low + high, m, i, j
-                    m, along = scale(m, -1.0), -along
+                along = dot(m, sub(p, r))
+                if along > best:
+                    _, low = lowest(V, pair.a.vertices, m)
+                    _, high = lowest(W, pair.b.vertices, scale(m, -1.0))
+                    if low + high > best:
+                        best, n, at, to = low + high, m, i, j
     return (best, n, at, to) if best > gap + slack else (-inf, n, 0, 0)
+
+
+@kernel
+def _if_both_support(pair, shapes, edges, directions):
+    """Return a vector along n if there is a plane across both edges with the shapes on its two sides, else zero.
+
+    That is so where the arcs of normals of both edges cross, one of them taken backwards (D. Gregorius, "The separating
+    axis test between convex polyhedra", Game Developers Conference 2013).  A segment's arc is a whole circle.
+    """
+    (i, j), (u, v, turned) = edges, directions
+    ours, theirs, none = shapes.sides[pair.a.first_side + i], shapes.sides[pair.b.first_side + j], (0.0, 0.0, 0.0)
+    w, b, c = cross(u, v), 0.0, 0.0
+    if ours[2] >= 0:
+        A, B = _normal(shapes, pair.a, ours[2]), _normal(shapes, pair.a, ours[3])
+        b = dot(B, v)
+        if not dot(A, v) * b < 0.0:
+            return none
+        w = w if dot(w, cross(u, sub(A, B))) < 0.0 else scale(w, -1.0)
+    if theirs[2] >= 0:
+        C, D = _normal(shapes, pair.b, theirs[2]), _normal(shapes, pair.b, theirs[3])
+        c = dot(C, turned)
+        if not c * dot(D, turned) < 0.0 or b * c > 0.0:
+            return none
+        if ours[2] < 0:
+            w = w if dot(w, rotate(pair.R, cross(rotate_back(pair.R, v), sub(C, D)))) > 0.0 else scale(w, -1.0)
+    return w
+
+
+@kernel
+def _normal(shapes, shape, face):
+    return vector(shapes.planes[shape.first_face + face])
 
 
 @kernel
@@ -213,6 +244,7 @@ def aligned_points(pair, shapes, bench, out, n, xa, xb, gap):
     P = bench.rows[0]
     count = keep_deep(pair, P, count, m, offset, best)
     count = with_nearest(pair, P, count, xa if second else xb, gap)
+    fade(pair, P, count, m, n)
     return put_rows(pair, out, P, count, n, second)
 
 
