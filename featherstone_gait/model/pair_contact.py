@@ -33,8 +33,8 @@ class PairContact:
     load : float or None
         Mass whose weight a pair carries at that depth [kg]; None: the mass of the heavier of the two robots or objects.
     max_points : int or None
-        Points of all pairs that can be near each other at a time; None: 32, and for each free object as many as three
-        of its pairs have.
+        Points of all pairs that can be near each other at a time, of a pair all that it can touch at; None: 32, twice
+        those of pairs that are near where all start, and for each free object those of three of its pairs.
 
     Raises
     ------

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import instance
-from ..base.fixed_order import applied, product, total
-from ..base.rotation import rotation_from_quaternion
+from ..base.fixed_order import applied, total
 from ..core.effects.pair import Pairs
 from ..core.tree.distance import Room, Shapes, pair_distances
-from ..model.numpy_dynamics import link_poses
 from ..scene.compile import CompiledScene
-from ..scene.forest import named
+from ..scene.pairs import body_poses
 from .start import checked_state, initial_state
 from .trajectory import Trajectory
 
@@ -91,7 +89,9 @@ def _listed(scene: CompiledScene, depth: np.ndarray, which: np.ndarray) -> str:
 
 def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray) -> np.ndarray:
     """Compute how deep the shapes of each pair (pairs,) overlap [m]; 0 of those that are apart, and of the ground."""
-    (rotation, position), table = _body_poses(scene, y), pairs.shapes.table
+    bases, table = y[slice(*scene.part("base_q"))].reshape(-1, 7), pairs.shapes.table
+    joints = [scene.state_of(one.name, y)[slice(*one.scene.part("q"))] for one in scene.members]
+    rotation, position = body_poses(scene.members, scene.tree, bases, joints)
     center = position[table.link] + applied(rotation[table.link], table.r)
     both = np.stack([pairs.pairs.a, pairs.pairs.b], axis=1)
     apart = center[both[:, 0]] - center[both[:, 1]]
@@ -104,24 +104,6 @@ def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray) -> np.ndarray:
         pair_distances(pairs.shapes, room, np.ascontiguousarray(both[near]), rotation, position, distance)
     depth[near] = np.maximum(-distance, 0.0)
     return depth
-
-
-def _body_poses(scene: CompiledScene, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute rotation (n + 1, 3, 3) and origin (n + 1, 3) [m] in the world of all bodies, and of the world itself."""
-    bases = y[slice(*scene.part("base_q"))].reshape(-1, 7)
-    rotation = np.tile(np.eye(3), (len(scene.tree.bodies) + 1, 1, 1))
-    position = np.zeros((len(rotation), 3))
-    for member, base in zip(scene.members, bases):
-        model, own = member.model, member.scene
-        joints = scene.state_of(member.name, y)[slice(*own.part("q"))]
-        still = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
-        poses = link_poses(model, np.array([*still, *joints]))
-        turn = rotation_from_quaternion(base[3:] / np.sqrt(total(base[3:] * base[3:])))
-        for link, E, r in zip(model.links, poses.rotation, poses.position):
-            place = scene.tree.placements[named(member, link.name)]
-            rotation[place.row] = E = product(product(turn, E), place.E.T)
-            position[place.row] = base[:3] + applied(turn, r) - applied(E, place.r)
-    return rotation, position
 
 
 def _half_sizes(shapes: Shapes) -> np.ndarray:

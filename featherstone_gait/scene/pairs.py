@@ -21,16 +21,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.fixed_order import applied, product
+from ..base.fixed_order import applied, product, total
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, Pairs
 from ..core.tree.distance import Shapes
 from ..geometry.distance import HalfSpace, meeting_shapes, shape_tables
 from ..model import Ground, Joint
+from ..model.numpy_dynamics import link_poses
 from ..model.pair_contact import ALL, GROUND, PairContact
 from ..model.placed import SEPARATOR, Placed, link_name
+from ..model.rest_posture import nearest_posture, standing_keyframe
 from ..model.shapes import Capsule, Shape, Sphere
-from .contact import plane_axes
+from .contact import plane_axes, standing_height
 from .forest import Member, named, shifts
 from .options import SceneOptions
 from .preflight import Limit, Preflight
@@ -43,6 +45,7 @@ BEYOND = 1.1  # how far a sliding joint goes, of its limits: stops give way
 CARRYING = 4  # of the points of two shapes, at most
 LIGHTEST = 1e-300  # [kg]
 LEAST_POINTS = 32  # of the pool
+NEAR = 0.05  # distance of spheres around shapes that are near each other [m]
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
 EARTH = math.sqrt(sum(g * g for g in GRAVITY))  # in place of no gravity [m/s^2]
 
@@ -119,9 +122,14 @@ def build_pairs(
     _fill_law(table, solids, tree, options)
     shapes = _shapes(solids)
     reach, radius = _bounds(solids, shapes, tree, [joint for one in members for joint in one.model.moving_joints])
-    slots = np.array([min(int(table.slots.sum()), option.max_points or _enough(table, tree))])
+    enough = LEAST_POINTS + _piled(table, tree) + _near_points(table, shapes, members, tree, options)
+    slots = min(int(table.slots.sum()), option.max_points or enough)
+    if slots < table.slots.max():
+        raise ValueError(
+            f"pairs: max_points is {slots}; expected {table.slots.max()} or more, which two of the shapes can touch at"
+        )
     margin = max(option.penetration, options.ground.penetration if _has_ground(solids) and options.ground else 0.0)
-    pairs = Pairs(shapes, table, own_rows, reach, radius, slots, margin)
+    pairs = Pairs(shapes, table, own_rows, reach, radius, np.array([slots]), margin)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
     return Touching(pairs, names, tuple(parts.notes)), tree
 
@@ -362,13 +370,59 @@ def moving_masses(tree: Tree) -> list[float]:
     return [math.fsum(tree.bodies.m[one.root + one.fixed : one.end].tolist()) for one in trees_of(tree)]
 
 
-def _enough(table: np.recarray, tree: Tree) -> int:
-    """Return the slots of the pool: some for all robots, and for each free object those of `NEIGHBORS` pairs."""
+def _near_points(
+    table: np.recarray, shapes: Shapes, members: Sequence[Member], tree: Tree, options: SceneOptions
+) -> int:
+    """Return twice the points of the pairs that are near each other, by spheres around them, where all start."""
+    bases, joints = [], []
+    for member in members:
+        model, (x, y, *height) = member.model, member.placed.position
+        q = standing_keyframe(model)
+        q = nearest_posture(model) if q is None else q
+        if not height and options.ground is not None and model.base == "floating" and model.contacts:
+            q[:7] = (x, y, 0.0, *member.placed.orientation)
+            height = [standing_height(model, options.ground, q)]
+        bases.append([x, y, *(height or [0.0]), *member.placed.orientation])
+        joints.append(q[len(q) - len(model.joint_names) :])
+    rotation, position = body_poses(members, tree, np.array(bases), joints)
+    at = shapes.table
+    center = position[at.link] + applied(rotation[at.link], at.r)
+    apart, reach = center[table.a] - center[table.b], at.bound[table.a] + at.bound[table.b] + NEAR
+    normal = product(rotation[at.link], at.E.reshape(-1, 3, 3))[table.b, :, 2]
+    flat = np.isinf(reach)
+    near = np.where(
+        flat, total(apart * normal) < at.bound[table.a] + NEAR, total(apart * apart) < np.where(flat, 0.0, reach) ** 2
+    )
+    return 2 * int(table.slots[near].sum())
+
+
+def body_poses(
+    members: Sequence[Member], tree: Tree, bases: np.ndarray, joints: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute rotation (n + 1, 3, 3) and origin (n + 1, 3) [m] in the world of all bodies, and of the world itself.
+
+    bases (members, 7): position and quaternion of each; joints: of each member (n,) [rad or m].
+    """
+    rotation = np.tile(np.eye(3), (len(tree.bodies) + 1, 1, 1))
+    position = np.zeros((len(rotation), 3))
+    for member, base, q in zip(members, bases, joints):
+        still = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if member.model.base == "floating" else []
+        poses = link_poses(member.model, np.array([*still, *q]))
+        turn = rotation_from_quaternion(base[3:] / np.sqrt(total(base[3:] * base[3:])))
+        for link, E, r in zip(member.model.links, poses.rotation, poses.position):
+            place = tree.placements[named(member, link.name)]
+            rotation[place.row] = E = product(product(turn, E), place.E.T)
+            position[place.row] = base[:3] + applied(turn, r) - applied(E, place.r)
+    return rotation, position
+
+
+def _piled(table: np.recarray, tree: Tree) -> int:
+    """Return the points of `NEIGHBORS` pairs of each free object, which may be piled up."""
     most = np.zeros(len(tree.bodies), int)
     for body, solid in ((table.body_a, table.tree_a >= 0), (table.body_b, table.folded == 0)):
         np.maximum.at(most, body[solid], table.slots[solid])
     free = [one.root for one in trees_of(tree) if one.end - one.root == 1]
-    return LEAST_POINTS + NEIGHBORS * int(most[free].sum())
+    return NEIGHBORS * int(most[free].sum())
 
 
 def _bounds(

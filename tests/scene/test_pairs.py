@@ -382,5 +382,19 @@ def test_a_pair_has_as_many_points_as_its_shapes_can_have():
         frozenset({"Box", "Capsule"}): 2, frozenset({"Capsule", "Cylinder"}): 2, frozenset({"Box", "Cylinder"}): 8,
     }  # fmt: skip
     assert scene.touching.table.slots[0] == 15
-    few = compile_scene(placed, pairs=PairContact(max_points=3))
-    assert few.touching.table.slots[0] == 3
+    few = compile_scene(placed, pairs=PairContact(max_points=9))
+    assert few.touching.table.slots[0] == 9
+    with pytest.raises(ValueError, match="max_points is 7; expected 8 or more"):
+        compile_scene(placed, pairs=PairContact(max_points=7))
+
+
+def test_the_pool_has_room_for_what_is_near_at_the_start_and_for_piles():
+    cube = body(CUBE, 1.0)
+    apart = [Placed(cube, f"c{k}", (0.3 * k, 0.0, 0.3)) for k in range(30)]
+    assert compile_scene(apart, pairs="all").touching.table.slots[0] == 32 + 30 * 3 * 8
+    close = [Placed(cube, f"c{k}", (0.15 * k, 0.0, 0.3)) for k in range(30)]  # spheres of 0.087 m around each
+    assert compile_scene(close, pairs="all").touching.table.slots[0] == 32 + 30 * 3 * 8 + 2 * 29 * 8
+    robot = load_robot("humanoid")
+    for ground in (None, Ground()):
+        scene = compile_scene([Placed(robot, orientation=TURNED)], ground=ground, pairs="all")
+        assert 32 + 2 * 200 < scene.touching.table.slots[0] < scene.touching.table.pairs.slots.sum()
