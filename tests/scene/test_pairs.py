@@ -16,6 +16,7 @@ from featherstone_gait.model.placed import Placed, SceneModel
 from featherstone_gait.model.rest_posture import nearest_posture
 from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Shape, Sphere
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.simulate import simulate
 from featherstone_gait.scene.compile import compile_scene
 
 G = 9.81
@@ -236,6 +237,22 @@ def test_points_of_an_obstacle_are_those_of_the_ground(shape, points):
     for name in ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"):
         assert pair[name] == pytest.approx(point[name], rel=1e-14), name
     assert points * pair.stiffness * 5e-4 == pytest.approx(2.0 * G, rel=1e-14)
+
+
+def test_a_box_rests_on_an_obstacle_exactly_as_deep_as_on_the_ground():
+    cube, depth = body(CUBE, 2.0, name="cube"), 1e-3
+    table = obstacle(Box((1.0, 1.0, 0.2)), "table", (0.0, 0.0, -0.1))
+    how = dict(integrator="implicit_euler", timestep=1e-3)
+    scene = SceneModel("x", [Placed(cube, position=(0.0, 0.0, 0.05))], [table], gravity=(0.0, 0.0, -G))
+    ends = [
+        simulate(compile_scene(one, **how, **more), 1.0, estimate_error=False)["cube"]["base_q"][-1]
+        for one, more in (
+            (replace(scene, pairs=PairContact(penetration=depth)), {}),
+            (replace(scene, ground=Ground(penetration=depth), obstacles=()), {}),
+        )
+    ]
+    assert ends[0][2] == pytest.approx(0.05 - depth, abs=1e-9)
+    assert np.abs(ends[0] - ends[1]).max() < 1e-9
 
 
 def test_a_pair_is_as_stiff_as_the_heavier_side_or_the_load_asks_for():
