@@ -1,4 +1,4 @@
-"""The bits of three runs, which are the same under every Numba, pipeline, Python and processor that this runs on.
+"""The bits of four runs, which are the same under every Numba, pipeline, Python and processor that this runs on.
 
 Kept quick: `.ci/run` runs it under the oldest Numba, the newest one and Numba's own pipeline.
 """
@@ -9,7 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherstone_gait import Ground, Worlds, compile_scene, initial_state, load_robot, simulate, simulate_batch
+from featherstone_gait import (
+    Box,
+    Cylinder,
+    Ground,
+    Placed,
+    Sphere,
+    Worlds,
+    body,
+    compile_scene,
+    initial_state,
+    load_robot,
+    simulate,
+    simulate_batch,
+)
 from featherstone_gait.walking import read_walk
 
 ALONE = {"estimate_error": False}
@@ -40,3 +53,14 @@ def test_a_stride_with_feedback(humanoid):
     walk = read_walk(Path(humanoid.model.source).parent / "balanced_gait.npz")
     run = simulate(humanoid, 0.5, reference=walk.reference(1), controller=walk.controller(humanoid), **ALONE)
     assert digest(run) == "c40d188dc5530e5e"
+
+
+@pytest.mark.bounds
+@pytest.mark.nojit
+def test_a_ball_on_a_cylinder_on_a_box():
+    """Their contact points come from code that is compiled apart from the run's, and called by its address."""
+    shapes = Box((0.1, 0.1, 0.1)), Cylinder(0.05, 0.1), Sphere(0.05)
+    places = (0.0, 0.0, 0.05), (0.01, 0.02, 0.1495), (0.01, 0.0, 0.249)
+    pile = [Placed(body(shape, 1.0), name, position=at) for shape, name, at in zip(shapes, "abc", places)]
+    scene = compile_scene(pile, None, Ground(), "implicit_euler", 1e-3, pairs="all")
+    assert digest(simulate(scene, 0.01, **ALONE)) == "63a4b74c707d5b2a"

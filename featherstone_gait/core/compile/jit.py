@@ -192,6 +192,19 @@ def direct(dispatcher, *arguments):
     return dispatcher.compile(tuple(map(dispatcher.typeof_pyval, arguments)))
 
 
+def address_of(dispatcher, *arguments):
+    """Return the address of an entry compiled for arguments of these types, for `call_entry`; itself with the JIT off.
+
+    It holds in this process.
+    """
+    if not JIT:
+        return dispatcher
+    kinds = tuple(map(dispatcher.typeof_pyval, arguments))
+    dispatcher.compile(kinds)
+    made = dispatcher.overloads[kinds]
+    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+
+
 def outside(function, wrapped):
     """Compile a user's function on its own, with bounds and divisors checked, in the wrapper that `call_outside` takes.
 

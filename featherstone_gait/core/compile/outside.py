@@ -5,6 +5,7 @@ What calls a function by its address need not be compiled anew for it.
 
 import llvmlite.ir as ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
 from .jit import INNER
@@ -37,6 +38,39 @@ def _call(typingctx, function, x, arrays):
 @overload(call_outside, jit_options=INNER)
 def _overload_call(function, x, arrays):
     return lambda function, x, arrays: _call(function, x, arrays)
+
+
+def call_entry(function, arguments):
+    """Call an entry that returns an integer, with a tuple of arguments of the types for which `jit.address_of` made it.
+
+    function: its address; with the JIT off, itself.
+    """
+    return function(*arguments)
+
+
+@intrinsic
+def _call_entry(typingctx, function, arguments):
+    kinds = tuple(types.unliteral(kind) for kind in arguments.types)
+
+    def codegen(context, builder, signature, args):
+        convention = context.call_conv
+        values = [
+            context.cast(builder, builder.extract_value(args[1], k), given, kind)
+            for k, (given, kind) in enumerate(zip(signature.args[1].types, kinds, strict=True))
+        ]
+        pointer = convention.get_function_type(types.int64, kinds).as_pointer()
+        callee = builder.inttoptr(args[0], pointer)
+        status, found = convention.call_function(builder, callee, types.int64, kinds, values)
+        with cgutils.if_unlikely(builder, status.is_error):
+            convention.return_status_propagate(builder, status)
+        return found
+
+    return types.int64(types.int64, arguments), codegen
+
+
+@overload(call_entry, jit_options=INNER)
+def _overload_call_entry(function, arguments):
+    return lambda function, arguments: _call_entry(function, arguments)
 
 
 def read_now(flag):

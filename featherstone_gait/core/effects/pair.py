@@ -15,13 +15,27 @@ import numpy as np
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, flat, select, sqrt, width_of
 from ..compile.optional import if_present
+from ..compile.outside import call_entry
 from ..compile.structure import record, structure
 from ..tree.distance import HALF_SPACE, Shapes
 from ..tree.forest import joint_count
 from ..tree.layout import SF, TOUCH, P, R, U, V
-from ..tree.manifold import contact_points
 from ..tree.rigid_body import center_velocity
-from ..tree.spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
+from ..tree.spatial import (
+    add,
+    compose,
+    cross,
+    dot,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale,
+    store3,
+    store9,
+    sub,
+    vector,
+)
 from .contact import (
     C1,
     CN,
@@ -108,11 +122,13 @@ class Pool(NamedTuple):
     # The narrow phase, one lane after the other, and the exchange of slots.
     manifold: np.ndarray  # (8, 8)
     bench: tuple  # Bench of manifold.py
+    poses: np.ndarray  # (2, 12) rotation and center [m] of two shapes
+    narrow: int  # address of `contacts_at`, which is compiled once for all kinds of scenes
     old: np.ndarray  # (slots, 6)
 
     SHARED = (
         "pair", "count", "parent", "trees", "first_tree", "points", "first_point", "island", "row_point", "envelope",
-        "manifold", "bench", "old",
+        "manifold", "bench", "poses", "narrow", "old",
     )  # fmt: skip
 
 
@@ -228,7 +244,12 @@ def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
     rb = add(rb, shift)
     found = 0
     if least_gap(a, b, Eb, sub(ra, rb)) < far:
-        found = contact_points(a, b, Ea, ra, Eb, rb, pairs.shapes, far, pool.bench, pool.manifold)
+        poses = pool.poses
+        store9(poses, 0, 0, Ea)
+        store3(poses, 0, 9, ra)
+        store9(poses, 1, 0, Eb)
+        store3(poses, 1, 9, rb)
+        found = call_entry(pool.narrow, (pairs.shapes, pair.a, pair.b, poses, far, pool.bench, pool.manifold))
     _keep_features(pair, step, c, lane, width, found)
     C = flat(pool.C)
     for m in range(found):

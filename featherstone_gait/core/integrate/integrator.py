@@ -11,11 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.by_type import by_type, overridable
+from ..compile.jit import address_of
 from ..effects.contact import SCRATCH as CONTACT_SCRATCH
 from ..effects.pair import COLUMNS as PAIR_SCRATCH
 from ..effects.pair import OLD, Pool
 from ..step.context import Scratch
 from ..step.newton import SCRATCH as JOINT_SCRATCH
+from ..tree.manifold import contacts_at
 from ..tree.rows import SIDE
 
 RTOL = 1e-8  # error allowed of a step, where none is given
@@ -127,11 +129,15 @@ def pool_of(sizes: Sizes, zeros) -> Pool | None:
     def whole(size):
         return np.zeros(size, np.int64)
 
+    manifold, poses = np.zeros((8, 8)), np.zeros((2, 12))
+    narrow = address_of(contacts_at, sizes.pairs.shapes, 0, 0, poses, 0.0, sizes.bench, manifold)
+
     return Pool(
         C=zeros((slots, PAIR_SCRATCH)), pair=whole(slots), count=whole(2), parent=whole(trees), trees=whole(trees),
         first_tree=whole(trees + 1), points=whole(slots), first_point=whole(trees + 1), island=whole(trees),
         label=zeros(trees), at_work=zeros(trees), wrong=zeros(trees), slope=zeros(trees), fraction=zeros(trees),
         shared=zeros(trees), row_point=whole(slots), envelope=whole(slots),
         responses=zeros((rows, 2, sizes.largest)), roots=zeros((rows, 2, SIDE)), matrix=zeros((rows, rows)),
-        force=zeros((2, rows)), manifold=np.zeros((8, 8)), bench=sizes.bench, old=np.zeros((slots, OLD)),
+        force=zeros((2, rows)), manifold=manifold, bench=sizes.bench, poses=poses, narrow=narrow,
+        old=np.zeros((slots, OLD)),
     )  # fmt: skip

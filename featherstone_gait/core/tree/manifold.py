@@ -190,6 +190,13 @@ def _corner(shapes, b, k):
 
 
 @entry
+def contacts_at(shapes, i, j, poses, margin, bench, out):
+    """Do as `contact_points` with rows i and j of the table; poses (2, 12): rotation and center of each."""
+    Ea, ra, Eb, rb = load9(poses, 0, 0), load3(poses, 0, 9), load9(poses, 1, 0), load3(poses, 1, 9)
+    return contact_points(shapes.table[i], shapes.table[j], Ea, ra, Eb, rb, shapes, margin, bench, out)
+
+
+@entry
 def pair_contacts(shapes, room, bench, pairs, margin, rotation, position, out, counts):
     """Fill out (pairs, 8, 8) and counts (pairs,) with the contact points of every pair (pairs, 2) of shapes.
 
