@@ -9,7 +9,7 @@ from math import sqrt
 from ..compile.jit import kernel
 from ..compile.lanes import clamp
 from .distance import GAP, PASSES, TOUCH, keep_rows, nearest_in_simplex, on_edge, support
-from .patch import PARALLEL, SHORT, put
+from .patch import PARALLEL, SHORT, lessened, put
 from .spatial import add, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
 
 
@@ -46,8 +46,8 @@ def put_lines(pair, out, line, other, n, feature):
     """Give out the contact of two lines along n: one point, or two if they are parallel; return the count.
 
     The second point has feature + 1.  As two parallel lines turn against each other by `PARALLEL`, the ends of their
-    common part move to the closest point, and their depths over the margin are shared out until they come to one
-    point's.  So the sum of the depths is continuous, and where an end is the closest point it keeps all of its depth.
+    common part move to the closest point, and their depths are shared out until they come to one point's.  So the sum
+    of the depths is continuous, and where an end is the closest point it keeps all of its depth.
     At `PARALLEL` the ends of rods of 25 mm radius are 25 nm apart along a common part of 0.1 m; it touches as a whole
     if they are pressed together by as much.
     """
@@ -72,11 +72,11 @@ def put_lines(pair, out, line, other, n, feature):
 
 @kernel
 def _put_at(pair, out, count, both, n, weight, feature):
-    """Give out a point between two points of the cores, its depth over the margin weighted."""
+    """Give out a point between two points of the cores, its depth weighted."""
     xa, xb = both
     depth = pair.radii - dot(n, sub(xa, xb))
     x = scale(add(sub(xa, scale(n, pair.a.radius)), add(xb, scale(n, pair.b.radius))), 0.5)
-    return put(pair, out, count, x, n, weight * (depth + pair.margin) - pair.margin, feature)
+    return put(pair, out, count, x, n, lessened(depth, weight), feature)
 
 
 @kernel

@@ -165,9 +165,15 @@ def with_nearest(pair, P, count, x, gap):
     return count
 
 
+@inline
+def lessened(depth, weight):
+    """Return a depth of overlap weighted; a gap stays, so that what the margin is changes no force."""
+    return weight * depth if depth > 0.0 else depth
+
+
 @kernel
 def fade(pair, P, count, m, n):
-    """Take depth over the margin from all rows but the deepest, all of it where n is `PARALLEL` off a face's normal m.
+    """Lessen the depths of all rows but the deepest, to nothing where n is `PARALLEL` off a face's normal m.
 
     So those that lie over the face do not vanish at once when the shapes turn from touching along it.
     """
@@ -175,7 +181,7 @@ def fade(pair, P, count, m, n):
     keep = max(0.0, 1.0 - sqrt(dot(turned, turned)) / PARALLEL)
     for k in range(count):
         if k != deep:
-            P[k, 5] = keep * (P[k, 5] + pair.margin) - pair.margin
+            P[k, 5] = lessened(P[k, 5], keep)
 
 
 @inline
