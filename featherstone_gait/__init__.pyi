@@ -65,6 +65,7 @@ from .robot_file import robot_names as robot_names
 from .robot_file import save_robot as save_robot
 from .robot_file.scene import load_scene as load_scene
 from .robot_file.scene import save_scene as save_scene
+from .run.contacts import ContactHistory as ContactHistory
 from .run.overlap import OverlapWarning as OverlapWarning
 from .run.overlap import overlaps as overlaps
 from .run.program import controller as controller

@@ -60,6 +60,8 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
             member.name: share | {"robot": member.model.name, "joints_of": list(member.model.joint_names)}
             for member, share in zip(scene.members, shares(scene.members).values())
         }
+    if scene.pairs:
+        info["pairs"] = [list(pair) for pair in scene.pairs]  # of each row, which the channel `pair` counts from 1
     if scene.adaptive:
         taken, rejected, evaluations = y[slice(*scene.part("step_control"))][pace.STEPS : pace.LAST]
         info |= {"rtol": run.plan.rtol, "atol": run.plan.atol}
@@ -85,6 +87,12 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
     if status is Status.STEP_TOO_SMALL:
         least = max(least_step(scene), PROGRESS / STALLED)
         message = f"{name}: the tolerance asks for steps below {least:.2g} s at {end:.4g} s"
+    if status is Status.TOO_MANY_CONTACTS:
+        slots = scene.part("pair")[1] - scene.part("pair")[0]
+        message = (
+            f"{name}: at {end:.4g} s more pairs are near than the {slots} points of the pool hold; give it more, "
+            "pairs=PairContact(..., max_points=N), or choose fewer pairs"
+        )
     if status is Status.TOO_COSTLY:
         taken, rejected = y[slice(*scene.part("step_control"))][[pace.STEPS, pace.REJECTED]]
         limit, by = scene.preflight.worst, "discontinuities or fast motion limit them"

@@ -64,7 +64,7 @@ REMEDIES = {
     Status.NOT_CONVERGED: "use a smaller timestep or an implicit integrator",
     Status.INACCURATE: "give a smaller timestep or rtol; if that does not help, the motion is chaotic",
     Status.TOO_COSTLY: "raise rtol, or use implicit_euler or midpoint at a fixed step",
-    Status.TOO_MANY_CONTACTS: "give the pool more slots, or choose fewer pairs",
+    Status.TOO_MANY_CONTACTS: "give the pool more points, compile_scene(pairs=PairContact(..., max_points=N)), or choose fewer pairs",
 }
 OF_CODE = {  # status of a state, as the kernels write it
     rollout.OK: Status.OK,

@@ -14,6 +14,7 @@ import numpy as np
 from ..base.files import FilePath, complete
 from ..core.step.state import BY_NAME
 from ..scene.channels import unit_of
+from .contacts import by_pair
 
 OF_JOINTS = ("joint", "servo", "rotor", "profile", "fed")
 
@@ -32,7 +33,8 @@ def to_pandas(self: Any) -> Any:
     ImportError
         Without pandas (pip install featherstone-gait[tables]).
     """
-    pandas, channels, columns = _imported("pandas"), self.channels, {}
+    pandas, columns = _imported("pandas"), {}
+    channels = _by_pairs(self)
     for name, axes in _axes(self).items():
         for at in np.ndindex(channels[name].shape[1:]):
             key = ".".join([name, *(labels[k] for (_, labels), k in zip(axes, at))])
@@ -57,11 +59,12 @@ def to_xarray(self: Any) -> Any:
         Without xarray (pip install featherstone-gait[tables]).
     """
     xarray, variables = _imported("xarray"), {}
-    coordinates: dict[str, Any] = {"time": ("time", self.channels["time"], {"units": "s"})}
+    channels = _by_pairs(self)
+    coordinates: dict[str, Any] = {"time": ("time", channels["time"], {"units": "s"})}
     for name, axes in _axes(self).items():
         unit = unit_of(name, _types(self))
         attributes = {"units": unit, "long_name": BY_NAME[name].what} if name in BY_NAME else {}
-        variables[name] = (("time", *(axis for axis, _ in axes)), self.channels[name], attributes)
+        variables[name] = (("time", *(axis for axis, _ in axes)), channels[name], attributes)
         coordinates |= {axis: (axis, labels, {}) for axis, labels in axes}
     return xarray.Dataset(variables, coordinates, _attributes(self))
 
@@ -103,8 +106,20 @@ def _types(run: Any) -> list[str]:
 
 def _axes(run: Any) -> dict[str, list[tuple[str, list[str]]]]:
     """Name and label each axis of each channel after the time."""
-    joints = run.info.get("joints") or []
-    return {name: _axes_of(name, values.shape[1:], joints) for name, values in run.items() if name != "time"}
+    joints, axes = run.info.get("joints") or [], {}
+    for name, values in run.items():
+        if name != "time":
+            found = by_pair(run.channels, run.info, name)
+            axes[name] = _axes_of(name, (values if found is None else found.values).shape[1:], joints)
+            if found is not None:
+                axes[name][0] = ("pair_of_links", found.labels)
+    return axes
+
+
+def _by_pairs(run: Any) -> dict[str, np.ndarray]:
+    """Return the channels of a run, those of pairs by the links and not by the slots that they had."""
+    tables = ((name, by_pair(run.channels, run.info, name)) for name in run)
+    return dict(run.items()) | {name: table.values for name, table in tables if table is not None}
 
 
 def _axes_of(name: str, shape: tuple[int, ...], joints: list[str]) -> list[tuple[str, list[str]]]:
@@ -113,8 +128,8 @@ def _axes_of(name: str, shape: tuple[int, ...], joints: list[str]) -> list[tuple
         axis, labels = f"{name}_{k}", [str(number) for number in range(size)]
         if channel is not None and channel.of in OF_JOINTS and k == 0 and size == len(joints):
             axis, labels = "joint", list(joints)
-        elif channel is not None and channel.of == "point" and k == 0:
-            axis = "point" if len(shape) > 1 or channel.width == 1 else axis
+        elif channel is not None and channel.of in ("point", "slot") and k == 0:
+            axis = channel.of if len(shape) > 1 or channel.width == 1 else axis
         elif channel is not None and size == len(channel.labels):
             own = channel.labels  # labels that come again are those of the quaternion: x y z w qx qy qz
             labels = [f"q{label}" if label in own[:j] else label for j, label in enumerate(own)]

@@ -17,7 +17,8 @@ from ..base.files import FilePath, Format, complete_together, is_number, read_ar
 from ..core.step.state import BY_NAME, shaped
 from ..model import Model
 from ..scene.channels import OLD, ByChannel, Share, StateView, column_of, owned
-from . import tables
+from . import contacts, tables
+from .contacts import is_of_slots
 from .status import Status
 
 FORMAT = Format("trajectory")
@@ -43,6 +44,7 @@ class Trajectory(Mapping[str, np.ndarray]):
           bodies allow, or rk4 met a joint stop that it does not resolve at that step.
         - "step too small": error control asked for a step below its minimum, and the run ended there.
         - "too costly": error control reached its maximal number of steps, and the run ended there.
+        - "too many contacts": more pairs were near each other than have room, and the run ended there.
     message : str
         What happened, where and when; empty for a run that is "ok".
     end_time : float
@@ -52,7 +54,8 @@ class Trajectory(Mapping[str, np.ndarray]):
     info : dict
         Settings of the run and counts, such as the joints' names, the integrator and its steps.
     error : dict of ndarray or None
-        Estimated error of each channel, in its unit and shape.
+        Estimated error of each channel, in its unit and shape; those of the slots of pairs, which two runs may use
+        differently, have none.
     parts : dict of (int, int) or None
         First and past-the-last index in `final` of each part of the state; None if they are not known.
     second_final : ndarray or None
@@ -90,7 +93,8 @@ class Trajectory(Mapping[str, np.ndarray]):
         Returns
         -------
         Trajectory
-            Its channels, errors and final state; status, message and counts are those of the whole run.
+            Its channels, errors and final state; status, message and counts are those of the whole run.  Channels of
+            pairs, which are of two members, stay with the whole run: see `contact`.
 
         Raises
         ------
@@ -103,7 +107,7 @@ class Trajectory(Mapping[str, np.ndarray]):
             raise ValueError(f"trajectory: there is no robot or object {shown(name)}; there are {known}")
         share = shares[name]
         first, end = share["joints"]
-        info = {key: value for key, value in self.info.items() if key != "members"}
+        info = {key: value for key, value in self.info.items() if key not in ("members", "pairs")}
         info |= {"robot": share["robot"], "joints": share["joints_of"], "joint_types": info["joint_types"][first:end]}
         channels = {key: values for key, values in _own(self.channels, share).items()}
         errors = None if self.error is None else _own(self.error, share)
@@ -223,6 +227,8 @@ class Trajectory(Mapping[str, np.ndarray]):
         parts = None if parts is None else _parts(text, parts, len(final))
         return cls(channels, final=final, error=error or None, parts=parts, second_final=second, **described)
 
+    contact, touched = contacts.contact, contacts.touched
+
     to_pandas, to_xarray, to_parquet = tables.to_pandas, tables.to_xarray, tables.to_parquet
 
     def described(self) -> dict[str, Any]:
@@ -265,7 +271,7 @@ def _own(channels: Mapping[str, np.ndarray], share: Share) -> dict[str, np.ndarr
         channel, flat = BY_NAME.get(name), values.reshape(len(values), -1)
         if channel is None:  # time
             found[name] = values
-        elif not (channel.of == "base" and share["fixed"]):
+        elif channel.of not in ("slot", "pairs") and not (channel.of == "base" and share["fixed"]):
             found[name] = shaped(channel, flat[:, owned(channel, share, flat.shape[1])])
     return found
 
@@ -292,7 +298,7 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
     error = {
         name: factor * np.abs(values - finer[name]) if same else np.full(values.shape, np.inf)
         for name, values in run.channels.items()
-        if name != "time"
+        if name != "time" and not is_of_slots(name)
     }
     return replace(run, error=error)
 

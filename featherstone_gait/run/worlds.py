@@ -45,8 +45,9 @@ FIELDS = {  # numbers that may differ, by section
     "joints": ("damping", "friction", "armature", "effort", "lower", "upper", "stiffness", "spring_reference"),
     "supply": tuple(f.name for f in dataclasses.fields(Supply)),
     "places": ("position",),
+    "pairs": ("penetration", "damping_ratio", "friction"),
 }
-WHOLE = ("ground", "supply")  # of which a scene has one
+WHOLE = ("ground", "supply", "pairs")  # of which a scene has one
 
 INFINITE = (  # numbers that may be infinite
     "stiffness", "current_limit", "current_slew", "torque_limit", "profile_speed", "effort", "lower", "upper"
@@ -139,9 +140,10 @@ class Worlds:
     ----------
     runs : int
         Number of runs; may be left out where an array has it.
-    ground, servos, links, joints, supply, places : dict
+    ground, servos, links, joints, supply, places, pairs : dict
         Values by the names of fields: of `Ground`; `Servo` with its `Gearbox` and `Controller`; `Link`; `Joint`;
-        `Supply`, in their units; and "position" of `Placed`, where runs start that are given no state.  A name stands
+        `Supply`, in their units; "position" of `Placed`, where runs start that are given no state; and penetration,
+        damping_ratio and friction of `PairContact`, for all pairs and shapes without friction.  A name stands
         for all servos, links, joints or members of the scene, "PART.name" for that of one.  A value is a number; an
         array (runs,); an array (runs, parts) in the order of the model (servos in the order of moving joints), with a
         last axis of 3 or 6 for centers of mass and inertias, of 2 or 3 for positions; or a `Distribution` from which to
@@ -171,6 +173,7 @@ class Worlds:
     seed: int = 0
     supply: Mapping[str, Values] = field(default_factory=dict)
     places: Mapping[str, Values] = field(default_factory=dict)
+    pairs: Mapping[str, Values] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -279,6 +282,8 @@ def _parts(scene: CompiledScene, section: str) -> dict[str, Any]:
         return {} if scene.ground is None else {"": scene.ground}
     if section == "supply":
         return {} if scene.constants.supply is None else {"": model.supply}
+    if section == "pairs":
+        return {} if scene.options.pairs is None else {"": scene.options.pairs}
     if section == "places":
         return {member.name: member.placed for member in scene.members}
     if section == "servos":
@@ -315,6 +320,9 @@ def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarr
     if changed["ground"]:
         assert scene.ground is not None
         given["ground"] = dataclasses.replace(scene.ground, **changed["ground"][""])
+    if changed["pairs"]:
+        assert scene.options.pairs is not None
+        given["pairs"] = dataclasses.replace(scene.options.pairs, **changed["pairs"][""])
     return scene.recompiled(model, places=changed["places"], **given)
 
 

@@ -280,6 +280,15 @@ function outline(points) {  // hull of [x, y, z] as seen from above
   return hull;
 }
 
+function pushes(run, t) {  // of other bodies, at the nearest frame: whose points these are changes with time
+  if (!run.pairs) return [];
+  const [k, m, f] = place(run, t), p = run.pairs[f < 0.5 ? k : m], out = [];
+  for (let i = 0; i < p.length; i += 6) {
+    out.push({ at: p.slice(i, i + 3).map(x => x * data.unit), force: p.slice(i + 3, i + 6).map(x => 1e-3 * x) });
+  }
+  return out;
+}
+
 function contacts(run, t) {  // [{at, force [weights], touches}]
   if (!run.points) return [];
   const [k, m, f] = place(run, t), x = mixed(run.points[k], run.points[m], f, data.unit), out = [];
@@ -313,7 +322,7 @@ function support(g, cam, touching) {
   g.fill();
 }
 
-function arrows(g, cam, touching, ratio) {
+function arrows(g, cam, touching, ratio, onGround) {
   g.lineWidth = 2 * ratio;
   g.strokeStyle = g.fillStyle = colors.force;
   const total = [0, 0, 0, 0];
@@ -335,7 +344,7 @@ function arrows(g, cam, touching, ratio) {
     trace(g, [b, [b[0] - head * ux + 0.4 * head * uy, b[1] - head * uy - 0.4 * head * ux], [b[0] - head * ux - 0.4 * head * uy, b[1] - head * uy + 0.4 * head * ux]]);
     g.fill();
   }
-  if (total[3] > 0.01) {  // center of pressure
+  if (onGround && total[3] > 0.01) {  // center of pressure
     const c = cam.see([0, 1, 2].map(k => total[k] / total[3]));
     g.beginPath();
     g.arc(c[0], c[1], 5 * ratio, 0, 2 * Math.PI);
@@ -435,7 +444,10 @@ function drawPanel({ runs, canvas, now }) {
     const how = { tint: shown.load && run.load ? loads(run, model, t) : null, pale: ended(run, t), ratio };
     if (k && !data.together) ghost(g, cam, model, at[k], how);
     else robot(g, cam, model, at[k], how);
-    if (shown.forces) arrows(g, cam, touching, ratio);
+    if (shown.forces) {
+      arrows(g, cam, touching, ratio, true);
+      arrows(g, cam, pushes(run, Math.min(t, run.end)), ratio, false);
+    }
   }
   const failed = runs.filter(run => ended(run, t));
   if (failed.length) stamp(g, failed.map(run => (runs.length > 1 ? run.caption + ": " : "") + statusText(run)).join("; "), w, ratio);
@@ -777,7 +789,7 @@ function steer(canvas) {
   canvas.onwheel = event => { event.preventDefault(); zoom(Math.exp(0.001 * event.deltaY)); };
 }
 
-const TOGGLES = [["follow", "C", "follow", !data.together && data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces)],
+const TOGGLES = [["follow", "C", "follow", !data.together && data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces || r.pairs)],
   ["prints", "P", "footprints", data.runs.some(r => r.points)], ["load", "L", "servo load", data.runs.some(r => r.load)],
   ["ghosts", "G", "ghosts", data.runs.length > 1 && !data.together]].filter(toggle => toggle[3]);
 const buttons = {};

@@ -12,10 +12,11 @@ from ..base.arguments import instance, listed, shown, whole
 from ..core.step.state import UNITS
 from ..dynamics import check_model, forward_kinematics
 from ..model import Model
+from ..run.contacts import by_pair
 from ..run.trajectory import Trajectory
 from ..run.trajectory import positions as positions
 from ..scene.channels import unit_of
-from .recorded import columns_of
+from .recorded import columns_of, lines_of
 from .style import BAD, COLORS, label_ends, look, shown_once
 from .visuals import SIDES_OF, side_of
 
@@ -123,7 +124,11 @@ def _table(trajectory: Trajectory, name: str) -> _Table:
     summed = UNITS.get(name) in ("J", "N")
     types = trajectory.info.get("joint_types", ())
     unit = unit_of(name, types)
-    labels, values = columns_of(name, trajectory[name], trajectory.info.get("joints", ()), summed)
+    found = by_pair(trajectory.channels, trajectory.info, name)
+    if found is not None:
+        labels, values = lines_of(found, name)
+    else:
+        labels, values = columns_of(name, trajectory[name], trajectory.info.get("joints", ()), summed)
     units = [unit_of(name, [kind]) for kind in types]
     differ = len(types) == len(labels) and len({*units}) > 1
     return _Table(f"{name} [{unit}]" if unit else name, labels, values, units if differ else [""] * len(labels))

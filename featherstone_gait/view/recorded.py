@@ -14,6 +14,7 @@ from ..core.effects.energies import METER, SUPPLY
 from ..core.step.state import BY_NAME
 from ..dynamics import deepest_points, forward_kinematics
 from ..model import TORQUE_LAWS, Ground, Model, Servo
+from ..run.contacts import PairTable, by_pair
 from ..run.sensors import in_world
 from ..run.trajectory import Trajectory, positions
 from ..scene.channels import column_of, unit_of
@@ -30,7 +31,10 @@ STANCE = 0.03  # [s] of the shortest step that leaves a footprint
 NEAR = 1e-3  # [m] above the ground, below which a point counts as touching if forces were not recorded
 FIELD = 40  # cells along a height field
 PRINTS = 400  # footprints of a run
-HIDDEN = ("time", "velocity_change", "newton_iterations", "worst_chatter")  # channels that are not offered for plots
+HIDDEN = (  # channels that are not offered for plots; those of slots say nothing without their owners
+    "time", "velocity_change", "newton_iterations", "worst_chatter",
+    "pair", "pair_feature", "pair_deflection", "pair_position",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -242,8 +246,9 @@ def _stall_torque(servo: Servo | None) -> float:
 def _touching(seen: Seen, poses: FramePoses, unit: float) -> dict[str, Any]:
     """Collect contact points, forces on them and footprints; empty without ground or points."""
     model, run, ground = seen.model, seen.trajectory, seen.ground
+    pairs = _pushing(model, run, poses, unit)
     if ground is None or not model.contacts:
-        return {"points": None, "forces": None, "prints": []}
+        return {"points": None, "forces": None, "pairs": pairs, "prints": []}
     weight = 9.81 * model.mass
     forces = _sound(run["contact_force"]) if "contact_force" in run else None
     q = positions(run, model)[: poses.last + 1]
@@ -260,10 +265,24 @@ def _touching(seen: Seen, poses: FramePoses, unit: float) -> dict[str, Any]:
     return {
         "points": _flat(points / unit),
         "forces": None if pushed is None else _flat(pushed / (1e-3 * weight)),  # [1/1000 of the weight]
+        "pairs": pairs,
         "touch": None if touch_at_frames is None else touch_at_frames.astype(int).tolist(),
         "weight": float(f"{weight:.4g}"),
         "prints": _prints(model, run["time"][fine], close, touch, unit),
     }
+
+
+def _pushing(model: Model, run: Trajectory, poses: FramePoses, unit: float) -> list[list[int]] | None:
+    """Collect where other bodies push a robot at each frame, and with which force; None if that is not known.
+
+    Six numbers each: the place, and the force by 1/1000 of the weight.
+    """
+    if not {"pair", "pair_force", "pair_position"} <= run.channels.keys():
+        return None
+    force = _sound(run["pair_force"][poses.rows]) / (1e-3 * 9.81 * max(model.mass, 1e-9))
+    numbers = np.round(np.concatenate([run["pair_position"][poses.rows] / unit, force], axis=2)).astype(int)
+    pushes = (run["pair"][poses.rows] > 0) & (np.abs(force).max(axis=2) > 5.0)
+    return [one[on].reshape(-1).tolist() for one, on in zip(numbers, pushes)]
 
 
 def _flat(values: np.ndarray) -> list[list[int]]:
@@ -351,6 +370,7 @@ def channels_of(model: Model, run: Trajectory, last: int, most: int = PLOTTED) -
     for name, values in run.items():
         if name not in HIDDEN and values.ndim > 1 and values[0].size and np.isfinite(values[: last + 1]).any():
             found[name] = _column_table(model, run, name, values[: last + 1])
+    found = {name: one for name, one in found.items() if one[1]}
     if "energy" in run and last > 2:
         found["power by way"] = _power(run, last)
     rows = max(50, min(SAMPLES, most // max(1, sum(v.shape[1] for _, _, v in found.values()))))
@@ -377,8 +397,24 @@ def _column_table(model: Model, run: Trajectory, name: str, values: np.ndarray) 
         normal = values[..., column_of(name, "normal")]
         table = {f"{link}": normal[:, [x == link for x in links]].sum(axis=1) for link in dict.fromkeys(links)}
         return f"{unit}, normal", list(table), np.stack(list(table.values()), axis=1)
+    found = by_pair(run.channels, run.info, name)
+    if found is not None:
+        labels, lines = lines_of(found, name)
+        return unit, labels, lines[: len(values)]
     summed = channel is not None and channel.unit == "J"
     return unit, *columns_of(name, values, run.info.get("joints", model.joint_names), summed)
+
+
+def lines_of(table: PairTable, name: str) -> tuple[list[str], np.ndarray]:
+    """Flatten a channel by pairs of links to labels and columns (samples, n), of the pairs that push or are near."""
+    values = table.values
+    several = values.ndim == 3
+    says = np.isfinite(values) & (values != 0.0)
+    used = np.flatnonzero(says.any(axis=(0, 2) if several else 0))
+    labels = [table.labels[k] for k in used]
+    if several:
+        labels = [f"{label} {axis}" for label in labels for axis in BY_NAME[name].labels]
+    return labels, np.where(np.isfinite(values), values, np.nan)[:, used].reshape(len(values), -1)
 
 
 def columns_of(name: str, values: np.ndarray, joints: Sequence[str], summed: bool) -> tuple[list[str], np.ndarray]:

@@ -19,6 +19,7 @@ from ..model import Ground, Joint, Link, Model
 from ..model.placed import Placed
 from ..model.rest_posture import nearest_posture
 from ..robot_file import load_robot, robot_names
+from ..run.contacts import seen_from
 from ..run.start import check_one
 from ..run.status import Status
 from ..run.trajectory import Trajectory
@@ -151,6 +152,8 @@ def _company(runs: Sequence[Trajectory], scene: Any, plots: Sequence[str]) -> tu
     for member in scene.members:
         fixed = member.model.base == "fixed"
         own = run.of(member.name)
+        channels, pairs = seen_from(run, member.name)
+        own = replace(own, channels=own.channels | channels, info=own.info | {"pairs": pairs})
         seen[member.name] = Seen(at_its_place(member.placed) if fixed else member.model, own, scene.ground)
     times = {"time": run["time"], "q": np.zeros((len(run["time"]), 0))}
     for placed in scene.obstacles:

@@ -61,6 +61,7 @@ def of_results(scene: fg.CompiledScene) -> Iterator[Any]:
     run = {name: np.zeros((50, m, 8)) for name in ("time", *scene.parts)}
     yield fg.Trajectory(run, "fell", "the trunk is low " * 30, 1.0, np.zeros(400), parts=scene.parts)
     yield fg.StateView(fg.initial_state(scene), scene.parts)
+    yield fg.ContactHistory(np.zeros(900), np.zeros((900, 3)), np.zeros(900), np.zeros(900))
 
 
 def of_walks(robot: fg.Model) -> Iterator[Any]:

@@ -19,6 +19,7 @@ NO_CALLS = {
     "featherstone_gait": (
         "Clearance",
         "CompiledScene",
+        "ContactHistory",
         "Coupling",
         "Poses",
         "IKResult",

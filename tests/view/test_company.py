@@ -55,3 +55,25 @@ def test_pictures_of_one_robot_name_the_member_to_take(tmp_path):
             show(run, robot)
     show(run, scene, path=tmp_path / "four.html")
     assert '"together":true' in (tmp_path / "four.html").read_text("utf-8")
+
+
+def test_a_page_draws_the_forces_of_other_bodies_on_each_member():
+    """All of a member balance its weight; the lid presses on the crate; plots name the other body."""
+    crate = body(Box((0.2, 0.2, 0.2)), 1.0)
+    members = (Placed(crate, "lid", (0.0, 0.0, 0.7 - 1e-3)), Placed(crate, "crate", (0.0, 0.0, 0.5 - 5e-4)))
+    members += (Placed(body(Sphere(0.1), 1.0), "ball", (2.0, 0.0)),)
+    table = body(Box((0.3, 0.3, 0.4)), name="table", base="fixed")
+    scene = SceneModel("pile", members, (Placed(table, position=(0.0, 0.0, 0.2)),), Ground())
+    compiled = compile_scene(scene, None, integrator="ars343", pairs="all")
+    record = ("q", "base_q", "pair", "pair_force", "pair_position", "pair_normal_force")
+    run = simulate(compiled, 0.3, record=record, estimate_error=False)
+    seen, _, _ = _company([run], compiled, ())
+    data = page_data(seen, together=True)
+    for shown in data["runs"][:2]:
+        numbers = np.reshape(shown["pairs"][-1], (-1, 6))
+        assert 1e-3 * numbers[:, 3:].sum(axis=0) == pytest.approx([0.0, 0.0, 1.0], abs=2e-2)
+    down = np.reshape(data["runs"][1]["pairs"][-1], (-1, 6))
+    assert 1e-3 * down[down[:, 5] < 0, 5].sum() == pytest.approx(-1.0, abs=1e-2)
+    assert data["unit"] * down[down[:, 5] < 0, 2] == pytest.approx(0.6, abs=2e-3)
+    assert data["runs"][0]["channels"]["pair_normal_force"]["labels"] == ["body - crate/body"]
+    assert data["runs"][1]["channels"]["pair_normal_force"]["labels"] == ["body - table/body", "body - lid/body"]
