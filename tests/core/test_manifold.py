@@ -323,6 +323,7 @@ def along_path(a, b, pose, steps, margin=0.0):
 
 
 LONG = Shape("", Capsule(0.05, 0.5), (0.0, 0.0, 0.0), (0.0, QUARTER, 0.0))  # along x
+LOG = Shape("", Cylinder(0.05, 0.5), (0.0, 0.0, 0.0), (0.0, QUARTER, 0.0))
 PATHS = {  # each crosses what divides two ways to touch
     "capsules turn through parallel": (LONG, LONG, lambda t: ((0.05, 0.0, 0.099), (0.0, 0.0, 0.02 * (t - 0.5)))),
     "capsules tilt through parallel": (LONG, LONG, lambda t: ((0.05, 0.0, 0.099), (0.0, 0.02 * (t - 0.5), 0.0))),
@@ -332,6 +333,8 @@ PATHS = {  # each crosses what divides two ways to touch
     "a cylinder rises on its rim": (
         Cylinder(0.1, 0.2), CUBE, lambda t: ((0.1, 0.1, 0.599), (0.0, 1e-3 * t - 5e-4, 0.0)),
     ),
+    "cylinders turn through parallel": (LOG, LOG, lambda t: ((0.05, 0.0, 0.099), (0.0, 0.0, 0.02 * (t - 0.5)))),
+    "cylinders tilt through parallel": (LOG, LOG, lambda t: ((0.05, 0.0, 0.099), (0.0, 0.02 * (t - 0.5), 0.0))),
     "a cylinder tilts from its side": (
         Cylinder(0.1, 0.2), HalfSpace(), lambda t: ((0.0, 0.0, 0.099), (0.0, QUARTER + 0.02 * (t - 0.5), 0.0)),
     ),
@@ -388,6 +391,24 @@ def test_a_cylinder_rolls_on_its_line_and_on_its_rim(below):
         assert x[:2] == pytest.approx([-reach * math.sin(6.0 * t), reach * math.cos(6.0 * t)])
 
 
+ROUND = [Cylinder(0.1, 0.6), Capsule(0.1, 0.6)]
+
+
+@pytest.mark.parametrize("upper", ROUND, ids=["cylinder", "capsule"])
+@pytest.mark.parametrize(("turn", "count"), [(0.0, 2), (0.3, 1), (QUARTER, 1)])
+def test_round_sides_touch_between_the_axes(upper, turn, count):
+    """Two logs: parallel ones along the common part, crossed ones below the crossing of the axes."""
+    a, b = (Shape("", geometry, (0.0, 0.0, 0.0), (QUARTER, 0.0, 0.0)) for geometry in (upper, ROUND[0]))
+    [points] = place(a, b, (0.03, 0.2, 0.19), (0.0, 0.0, turn)).contacts()
+    assert len(points) == count
+    n = np.array([0.03, 0.0, 0.19]) / math.hypot(0.03, 0.19) if turn == 0.0 else np.array([0.0, 0.0, 1.0])
+    depth = 0.2 - (math.hypot(0.03, 0.19) if turn == 0.0 else 0.19)
+    assert points[:, 3:6] == pytest.approx(np.tile(n, (count, 1)), abs=1e-12)
+    assert points[:, 6] == pytest.approx([depth] * count, abs=1e-12)
+    if turn == 0.0:
+        assert np.sort(points[:, 1]) == pytest.approx([-0.1, 0.3])
+
+
 def test_a_capsule_on_a_face_touches_at_two_points_which_the_sides_cut():
     [points] = place(LONG, CUBE, (0.4, 0.1, 0.549)).contacts()
     assert np.sort(points[:, 0]) == pytest.approx([0.15, 0.5])
@@ -428,4 +449,4 @@ def test_contacts_have_the_same_bits_compiled_or_not():
         placed = touching(*kinds, n=6)
         for margin in (0.0, MARGIN):
             bits.update(np.concatenate(placed.contacts(margin)).tobytes())
-    assert bits.hexdigest()[:16] == "f1e22286d0039596"
+    assert bits.hexdigest()[:16] == "408170f76c107982"

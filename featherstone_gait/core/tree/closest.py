@@ -22,7 +22,7 @@ def closest_on_lines(line, other):
     (p, u, h), (q, v, k) = line, other
     c, along, turned = sub(q, p), dot(u, v), cross(u, v)
     square = dot(turned, turned)
-    low, high = _common(line, other)
+    low, high = common_part(line, other)
     s = clamp(0.5 * (low + high), -h, h)
     if square > 1e-24:
         s = clamp((dot(u, c) - along * dot(v, c)) / square, -h, h)
@@ -34,7 +34,7 @@ def closest_on_lines(line, other):
 
 
 @kernel
-def _common(line, other):
+def common_part(line, other):
     """Return from where to where another line runs beside a line, from its middle [m]."""
     (p, u, h), (q, v, k) = line, other
     middle, half = dot(u, sub(q, p)), abs(dot(u, v)) * k
@@ -42,8 +42,10 @@ def _common(line, other):
 
 
 @kernel
-def put_lines(pair, out, line, other, n, feature):
+def put_lines(pair, out, line, other, n, feature, lift):
     """Give out the contact of two lines along n: one point, or two if they are parallel; return the count.
+
+    lift [m]: by so much along n is the first line moved to find where they are closest; more than by what they overlap.
 
     The second point has feature + 1.  As two parallel lines turn against each other by `PARALLEL`, the ends of their
     common part move to the closest point, and their depths are shared out until they come to one point's.  So the sum
@@ -52,8 +54,8 @@ def put_lines(pair, out, line, other, n, feature):
     if they are pressed together by as much.
     """
     (p, u, h), (q, v, k) = line, other
-    s, t, sine = closest_on_lines(line, other)
-    low, high = _common(line, other)
+    s, t, sine = closest_on_lines((add(p, scale(n, lift)), u, h), other)
+    low, high = common_part(line, other)
     keep = 0.0
     if high > low:
         keep = max(0.0, 1.0 - sine / PARALLEL) * min(1.0, (high - low) / (SHORT * min(h, k)))

@@ -11,8 +11,8 @@ from math import inf, sqrt
 
 from ..compile.jit import kernel
 from ..compile.optional import if_present
-from .closest import difference_towards, nearest_points, put_lines
-from .distance import CYLINDER, column
+from .closest import closest_on_lines, common_part, difference_towards, nearest_points, put_lines
+from .distance import CYLINDER, SEGMENT, column
 from .patch import (
     NEAREST,
     PARALLEL,
@@ -104,6 +104,13 @@ def cylinder_points(ends, pair, shapes, bench, out):
     sb, fb = _best_face(pair, shapes, bench, True)
     if sb > most:
         return 0
+    if pair.a.kind == CYLINDER or pair.a.kind == SEGMENT:
+        sides, n = _gap_of_sides(pair, shapes)
+        if sides > most:
+            return 0
+        if sides >= max(sa, sb):
+            line, other = _surface_line(pair, False, n), _surface_line(pair, True, n)
+            return put_lines(pair, out, line, other, n, SIDES + CROSSING + 4, pair.size)
     second = sb > sa + slack
     gap, face = (sb, fb) if second else (sa, fa)
     m, offset = _face(pair, shapes, second, face)
@@ -129,6 +136,20 @@ def cylinder_points(ends, pair, shapes, bench, out):
     u = unit(scale(pair.c, -1.0), n)
     n, gap, xa = _deeper(n, gap, xa, _improved(pair, shapes, bench, u, _gap_along(pair, shapes, u)))
     return _along(pair, shapes, bench, out, n, xa, gap)
+
+
+@kernel
+def _gap_of_sides(pair, shapes):
+    """Return the gap of two round sides along the line between their axes [m], and n; -inf where ends are closer."""
+    line, other = ((0.0, 0.0, 0.0), _axis(pair, False), pair.a.half[2]), (pair.c, _axis(pair, True), pair.b.half[2])
+    s, t, sine = closest_on_lines(line, other)
+    low, high = common_part(line, other)
+    v = sub(scale(line[1], s), add(pair.c, scale(other[1], t)))
+    beside = high > low if sine <= PARALLEL else abs(s) < line[2] and abs(t) < other[2]
+    if not beside or dot(v, v) <= (SAME * pair.size) ** 2:
+        return -inf, v
+    n = unit(v, v)
+    return _gap_along(pair, shapes, n), n
 
 
 @kernel
@@ -383,7 +404,8 @@ def _along(pair, shapes, bench, out, n, xa, gap):
         return put_rows(pair, out, P, count, n, second)
     found, line, side = _side_line(pair, shapes, bench, n)
     if found:
-        return put_lines(pair, out, line, _surface_line(pair, True, n), n, SIDES + 128 * side + CROSSING + 4)
+        feature = SIDES + 128 * side + CROSSING + 4
+        return put_lines(pair, out, line, _surface_line(pair, True, n), n, feature, pair.size)
     return put_nearest(pair, out, 0, xa, n, gap, NEAREST)
 
 

@@ -98,7 +98,7 @@ def _capsules(pair, out):
     aside = unit(turned, up(pair)) if dot(turned, turned) > TINY * TINY else up(pair)
     aside = aside if dot(aside, pair.c) <= 0.0 else scale(aside, -1.0)
     n = unit(v, aside) if dot(v, v) > (TOUCH * pair.size) ** 2 else aside
-    return put_lines(pair, out, line, other, n, 0)
+    return put_lines(pair, out, line, other, n, 0, 0.0)
 
 
 @kernel

@@ -192,7 +192,7 @@ def _edge_points(pair, shapes, bench, out, n, i, j):
     line, other = line_of(shapes, pair.a, bench.vertices[0], i), line_of(shapes, pair.b, bench.vertices[1], j)
     feature = SIDES + 128 * i + j
     count = aligned_points(pair, shapes, bench, out, n, *_between(line, other, n))
-    return count if count >= 0 else put_lines(pair, out, line, other, n, feature)
+    return count if count >= 0 else put_lines(pair, out, line, other, n, feature, pair.size)
 
 
 @kernel
@@ -218,7 +218,7 @@ def _by_nearest(pair, shapes, bench, out, instead):
     i, j, alike = _parallel_sides(pair, shapes, bench, n)
     if alike > 0.0:
         line, other = line_of(shapes, pair.a, bench.vertices[0], i), line_of(shapes, pair.b, bench.vertices[1], j)
-        return put_lines(pair, out, line, other, n, SIDES + 128 * i + j)
+        return put_lines(pair, out, line, other, n, SIDES + 128 * i + j, pair.size)
     return put_nearest(pair, out, 0, xa, n, gap, NEAREST)
 
 
