@@ -16,6 +16,7 @@ from itertools import product
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from ..base.progress import progress_bar
 from ..identification import changed
@@ -177,9 +178,9 @@ def _cheaper(result: RobustnessResult) -> Claim:
     """Return the claim: reproduced if all gaits are cheaper wherever both walk; in direction at 90 %."""
     every = np.array([cost for (kind, _), cost in result.costs.items() if kind != PUSHED])
     ratios = _ratios(every, result.found)
-    share = float((ratios < 1.0).mean())
-    gain = result.nominal[result.found] / result.nominal[0] - 1.0
-    finer = result.finer / result.nominal - 1.0
+    share = float((ratios < 1.0).mean()) if len(ratios) else 0.0
+    gain = _change(result.nominal[result.found], result.nominal[0])
+    finer = _change(result.finer, result.nominal)
     return question(
         claim="The gain survives: an optimized gait is cheaper than the planned one under disturbances too",
         ours=f"cheaper in {share:.0%} of {len(ratios)} cases in which both walk; change "
@@ -189,6 +190,12 @@ def _cheaper(result: RobustnessResult) -> Claim:
         + ", ".join(f"{kind} {_median_change(result, kind)}" for kind in (*KINDS, UNCERTAIN))
         + f". At a quarter of the step all gaits' undisturbed costs change by {span(finer, '+.1%')}",
     )
+
+
+def _change(costs: np.ndarray, before: ArrayLike) -> np.ndarray:
+    """Return the relative changes of costs (..., gaits), NaN where a gait falls before or after."""
+    both = np.isfinite(costs) & np.isfinite(before)
+    return np.divide(costs, before, out=np.full(costs.shape, np.nan), where=both) - 1.0
 
 
 def _median_change(result: RobustnessResult, kind: str) -> str:
@@ -232,7 +239,7 @@ def _largest(result: RobustnessResult, direction: str) -> np.ndarray:
 def _backlash(result: RobustnessResult) -> Claim:
     """Return the claim: reproduced if all gaits walk with backlash and cost less than 10 % more."""
     costs = result.of("backlash")[:, result.found]
-    change = costs / result.nominal[result.found] - 1.0
+    change = _change(costs, result.nominal[result.found])
     sizes = result.settings.backlash
     by_size = ", ".join(f"{size:g} deg {span(each, '+.0%')}" for size, each in zip(sizes, change))
     return question(
@@ -242,7 +249,7 @@ def _backlash(result: RobustnessResult) -> Claim:
         why="Rule: all walk and none costs 10 % more. The planned gait: "
         + ", ".join(
             f"{size:g} deg {span(each, '+.0%')}"
-            for size, each in zip(sizes, result.of("backlash")[:, :1] / result.nominal[0] - 1.0)
+            for size, each in zip(sizes, _change(result.of("backlash")[:, :1], result.nominal[0]))
         ),
     )
 

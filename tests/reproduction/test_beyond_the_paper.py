@@ -108,6 +108,21 @@ def test_what_is_claimed_of_robustness(robust):
     assert robust.nominal[1] < robust.nominal[0]
 
 
+@pytest.mark.parametrize("fallen", [[1], [0], [0, 1, 2]])
+def test_gaits_that_fall_are_counted_and_not_divided_by(robust, fallen):
+    """Whichever gaits fall undisturbed, and with them under each disturbance."""
+    fall = lambda costs: np.where(np.isin(range(len(costs)), fallen), np.inf, costs)  # noqa: E731
+    costs = {key: fall(each) for key, each in robust.costs.items()}
+    with np.errstate(all="raise"):
+        claims = robustness.check(
+            replace(robust, nominal=fall(robust.nominal), finer=fall(robust.finer), costs=costs)
+        )
+    assert "fall" in str(claims)
+    assert "nan" not in str(claims)
+    if 0 in fallen:
+        assert "-100%" not in str(claims)
+
+
 def test_the_complete_humanoid_walks_and_gains(complete):
     simple, walk = complete.walks["simplified"], complete.walks["complete"]
     assert len(walk.joints) == 19
