@@ -70,6 +70,11 @@ class Job:
             "files": SECONDS["files"],
         }
 
+    @property
+    def timed(self) -> bool:
+        """True if `SECONDS` are of this robot with these servos; others take up to twice as long."""
+        return self.robot == "humanoid" and self.model.servos == self.own.servos
+
     def print(self, text: str) -> None:
         """Print a message, if progress is shown."""
         if self.options.progress:
@@ -121,7 +126,7 @@ def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
             pass
     if options.gearbox is None:
         job.print(f"gearbox: {why_chosen(gearbox)}")
-    if robot == "humanoid":
+    if job.timed:
         duration = estimate_in_words(sum(job.seconds.values()))
     else:
         duration = "how long is estimated from the first gait"

@@ -33,7 +33,6 @@ from ..base.brief import brief
 from ..base.progress import progress_bar
 from ..identification.curve import torque_speed
 from ..model import Model, Servo
-from ..robot_file.servos import load_servo, servo_names
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_posture
 from ..scene.tree import GRAVITY
@@ -43,6 +42,7 @@ from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of
 from .generic_servo import HEIGHT, LEG
 from .inverse_kinematics import nearest
 from .kinematics import center_of_mass, joint_limits
+from .one_leg import MOST, least_servo, load_on_one_leg
 from .plan import BIOLOID_WALK, Plan, WalkSettings, downward, walking_plan
 from .stance import Size, default_posture, first_base, size_of, soles_of
 
@@ -56,6 +56,7 @@ DRAWN = 4  # points for each plan: most of a box is out of reach of the legs
 WORLDS = 8
 PLAIN = (0.123, 2.225, 0.123, 0.0865, 1.219, 0.2)  # BIOLOID_WALK in the units of `Box`
 LIKE_BIOLOID = 0.1  # relative difference in height up to which a robot takes the plain plan unscaled
+RESERVE = 0.5  # share of the stall torque on one leg up to which all servos of the package walk a plan
 FASTER = 1.0  # share of the no-load speed that references may reach
 SAMPLE, PREVIEW, JERKS = 0.02, 1.2, 2.5e-8  # of the plans: T [s], preview [s] and R [s^6/m^2] of the Bioloid's
 STEPS, ACCURATE = 15, 1e-5  # number of steps; tolerance of the center of mass along its path [m]
@@ -99,6 +100,12 @@ class Box:
 
 SLOW = Box(step_time=(2.2, 3.6), lift=(0.03, 0.1), half_width=(0.8, 1.2))  # for weak servos
 SLOWEST = np.array([0.0, 1.0, 0.0, 0.5, 0.0, 0.0])  # of its unit box; most others ask for twice the joint speeds
+GENTLE = (  # in the units of `Box`: of 61 plans tried with 21 servos one of these walks with all but one that walk
+    (0.163, 3.545, 0.082, 0.117, 1.139, 0.17),
+    (0.131, 3.112, 0.062, 0.104, 1.152, 0.266),
+    (0.118, 2.737, 0.095, 0.114, 1.042, 0.344),
+    (0.1, 3.6, 0.03, 0.09, 0.8, 0.1),
+)
 
 
 class Trial(NamedTuple):
@@ -251,10 +258,7 @@ def cheapest_plan(
     if len(counts) > 1 + len(SMALLER):
         raise ValueError(f"count has {len(counts)} numbers; give one, and up to {len(SMALLER)} for smaller boxes")
     points, trials = _spread(DRAWN * max(counts), len(PLAIN), seed), []
-    if searched is None:  # `in_worlds`, for costs that differ in gait and start alone
-        worlds, offsets = variations(scene, WORLDS)
-        scenes = worlds.scenes(scene)
-        searched = lambda cost: CostInWorlds(cost, scenes, offsets)  # noqa: E731
+    searched = searched or _in_the_same_worlds(scene)
     if box is None:
         _Search(scene, states, SLOW, searched, held).check_speed()
     for where in (Box(), SLOW) if box is None else (box,):
@@ -277,6 +281,75 @@ def cheapest_plan(
         f"{kinds.count(most)} of them for this: {reason}; give {stronger}more plans or "
         "another box of them, or numbers of a walk that is known to work"
     )
+
+
+def check_speed(scene: CompiledScene, states: States = "step", **held: Any) -> None:
+    """Raise ValueError if a joint cannot follow the slowest plan of `cheapest_plan` without load; arguments as there.
+
+    Where that plan is out of reach nothing is checked.
+    """
+    _Search(scene, states, SLOW, lambda cost: cost, held).check_speed()
+
+
+def gentle_plan(scene: CompiledScene, states: States = "step", **held: Any) -> CheapestPlan:
+    """Find out quickly whether servos carry a robot at all: by four plans of slow steps, in eight worlds.
+
+    They ask for little torque and speed.  Servos with which they all fall may still walk another plan.
+
+    Parameters
+    ----------
+    scene, states, **held
+        As of `cheapest_plan`.
+
+    Returns
+    -------
+    CheapestPlan
+        The cheapest of the plans that walk.
+
+    Raises
+    ------
+    ValueError
+        If none walks, with the torque and the speed that they take, and the least servo of the package with a reserve.
+    """
+    search, trials, planned = _Search(scene, states, SLOW, _in_the_same_worlds(scene), held), [], []
+    for numbers in GENTLE:
+        walk = _walk(numbers, search.size, search.g, held)
+        try:
+            one = search.planned(walk)
+        except ValueError as error:
+            trials.append(Trial(walk, math.inf, str(error)))
+            continue
+        trials.append(search.measured(walk, *one[1:]))
+        planned.append((trials[-1].cost, *one))
+    if not planned:
+        raise ValueError(f"{scene.model.name}: {trials[0].status}")
+    value, plan, fit, cost = min(planned, key=lambda one: one[0])
+    if math.isfinite(value):
+        return CheapestPlan(plan, fit, cost, value, tuple(trials))
+    raise ValueError(_why_all_fall(search, [(one[1], one[2].gait) for one in planned]))
+
+
+def _why_all_fall(search: _Search, planned: Sequence[tuple[Plan, Gait]]) -> str:
+    """Say what the least demanding of some plans that all fall take of the servos, and what servo has a reserve."""
+    model = search.scene.model
+    loads = [load for plan, _ in planned if (load := load_on_one_leg(model, plan)) is not None]
+    asked = min((search.asked(gait) for _, gait in planned), key=lambda speeds: (speeds / search.speeds).max())
+    joint = int((asked / search.speeds).argmax())
+    why = (
+        f"{model.name}: none of {len(planned)} plans of slow steps walks with these servos: {model.joint_names[joint]} "
+        f"turns at {asked[joint]:.2g} rad/s, without load it reaches {search.speeds[joint]:.2g}"
+    )
+    if not loads:
+        return why
+    load = min(loads, key=lambda load: load.share)
+    return f"{why}; {load}; with twice that, {least_servo(load.largest / RESERVE, float(asked.max()))}"
+
+
+def _in_the_same_worlds(scene: CompiledScene) -> Searched:
+    """Do as `in_worlds`, for costs that differ in gait and start alone."""
+    worlds, offsets = variations(scene, WORLDS)
+    scenes = worlds.scenes(scene)
+    return lambda cost: CostInWorlds(cost, scenes, offsets)
 
 
 def fit_states(model: Model, plan: Plan, states: States) -> GaitFit:
@@ -375,38 +448,48 @@ class _Search:
 
     def check_speed(self) -> None:
         """Raise ValueError if a joint cannot follow the plan `SLOWEST` without load; of one without a plan, do not."""
-        walk, names = self.walk(SLOWEST), self.scene.model.joint_names
+        walk, model = self.walk(SLOWEST), self.scene.model
         try:
-            gait = self.planned(walk)[1].gait
+            plan, fit, _ = self.planned(walk)
         except ValueError:
             return
-        asked = np.abs(np.diff(gait.angles(TICK * np.arange(round(gait.period / TICK) + 1)), axis=0)).max(axis=0) / TICK
+        asked = self.asked(fit.gait)
         worst = int((asked / self.speeds).argmax())
         if asked[worst] <= FASTER * self.speeds[worst]:
             return
-        known = {name: torque_speed(load_servo(name), points=2).no_load_speed for name in servo_names()}
-        enough = [name for name in known if asked.max() <= FASTER * known[name]]
-        remedy = "no servo of the package is as fast"
-        if enough:
-            remedy = f"the slowest servo of the package that could is {min(enough, key=known.__getitem__)}"
+        load = load_on_one_leg(model, plan)
+        enough = least_servo(load.largest / MOST if load else 0.0, float(asked.max()) / FASTER)
         raise ValueError(
-            f"{self.scene.model.name}: the joints are too slow to walk: even a step of {1e3 * walk.step_length:.0f} mm "
-            f"in {walk.step_time:.2f} s turns {names[worst]} at {asked[worst]:.2g} rad/s, and without load it reaches "
-            f"{self.speeds[worst]:.2g} rad/s; {remedy}"
+            f"{model.name}: the joints are too slow to walk: even a step of {1e3 * walk.step_length:.0f} mm in "
+            f"{walk.step_time:.2f} s turns {model.joint_names[worst]} at {asked[worst]:.2g} rad/s, and without load it "
+            f"reaches {self.speeds[worst]:.2g} rad/s; {enough}"
         )
 
+    def asked(self, gait: Gait) -> np.ndarray:
+        """Return the largest speeds (nj,) [rad/s] of a gait's references."""
+        return np.abs(np.diff(_references(gait), axis=0)).max(axis=0) / TICK
+
     def attempt(self, point: np.ndarray) -> _Tried:
-        walk, (lower, upper) = self.walk(point), self.limits
+        walk = self.walk(point)
         try:
             _, fit, cost = self.planned(walk)
-            angles = fit.gait.angles(TICK * np.arange(round(fit.gait.period / TICK) + 1))
-            if np.any((angles < lower) | (angles > upper)):
-                raise ValueError("the joint limits are violated between the poses")
-            if np.any(np.abs(np.diff(angles, axis=0)) > FASTER * TICK * self.speeds):
-                raise ValueError("joints would have to turn faster than they can without load")
         except ValueError as error:
             return point, Trial(walk, math.inf, str(error))
-        return point, Trial(walk, *self.searched(cost)(fit.gait.to_vector()))
+        return point, self.measured(walk, fit, cost)
+
+    def measured(self, walk: WalkSettings, fit: GaitFit, cost: WalkingCost) -> Trial:
+        """Measure a plan that the robot can follow."""
+        angles, (lower, upper) = _references(fit.gait), self.limits
+        if np.any((angles < lower) | (angles > upper)):
+            return Trial(walk, math.inf, "the joint limits are violated between the poses")
+        if np.any(np.abs(np.diff(angles, axis=0)) > FASTER * TICK * self.speeds):
+            return Trial(walk, math.inf, "joints would have to turn faster than they can without load")
+        return Trial(walk, *self.searched(cost)(fit.gait.to_vector()))
+
+
+def _references(gait: Gait) -> np.ndarray:
+    """Return the angles (n, nj) [rad] that servos are sent in a stride."""
+    return gait.angles(TICK * np.arange(round(gait.period / TICK) + 1))
 
 
 def _walk(numbers: Sequence[float], size: Size, g: float, held: dict[str, Any]) -> WalkSettings:

@@ -7,10 +7,12 @@ one foot is down it comes through that leg, and a joint of it at p, with the axi
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ..dynamics import inverse_dynamics
+from ..identification.curve import torque_speed
 from ..model import Model
 from ..robot_file.servos import load_servo, servo_names
 from .kinematics import joint_axes, link_poses, upright_states
@@ -41,21 +43,51 @@ def one_leg_torques(model: Model, plan: Plan) -> np.ndarray:
     return torques
 
 
-def check_strength(model: Model, plan: Plan) -> None:
-    """Raise ValueError if a servo is too weak for the robot to stand on one leg; name the weakest servo that is not."""
+class Load(NamedTuple):
+    """The joint that bears most of its servo's stall torque while its leg stands alone."""
+
+    joint: str
+    torque: float  # [N m]
+    stall: float  # torque of its servo [N m]
+    largest: float  # torque of any joint [N m]
+
+    @property
+    def share(self) -> float:
+        """Torque over stall torque [-]."""
+        return self.torque / self.stall
+
+    def __str__(self) -> str:
+        return f"on one leg {self.joint} bears {self.torque:.2f} N m, its servo has {self.stall:.2f} N m at stall"
+
+
+def load_on_one_leg(model: Model, plan: Plan) -> Load | None:
+    """Find the joint that bears most for its servo; return None if no joint with a motor bears anything."""
     motors = {name: servo for name, servo in model.servos.items() if servo.resistance > 0.0}
     torques = dict(zip(model.joint_names, one_leg_torques(model, plan)))
-    asked = {name: torques[name] / net_stall_torque(motors[name]) for name in motors if torques.get(name, 0.0) > 0.0}
-    weakest = max(asked, key=asked.__getitem__, default="")
-    if not weakest or asked[weakest] <= MOST:
-        return
-    most = max(torques[name] for name in asked)
-    known = {name: net_stall_torque(load_servo(name)) for name in servo_names()}
-    enough = [name for name in known if most <= MOST * known[name]]
-    remedy = f"no servo of the package has the {most / MOST:.3g} N m that it takes"
-    if enough:
-        remedy = f"the least servo of the package that could is {min(enough, key=known.__getitem__)}"
-    raise ValueError(
-        f"{model.name} is too heavy for these servos: on one leg {weakest} bears {torques[weakest]:.2f} N m, its servo "
-        f"has {net_stall_torque(motors[weakest]):.2f} N m at stall, of which a walk may ask for {MOST:.0%}; {remedy}"
-    )
+    stall = {name: net_stall_torque(motors[name]) for name in motors if torques.get(name, 0.0) > 0.0}
+    if not stall:
+        return None
+    joint = max(stall, key=lambda name: torques[name] / stall[name])
+    return Load(joint, float(torques[joint]), stall[joint], float(max(torques[name] for name in stall)))
+
+
+def check_strength(model: Model, plan: Plan) -> None:
+    """Raise ValueError if a servo is too weak for the robot to stand on one leg; name the weakest servo that is not."""
+    load = load_on_one_leg(model, plan)
+    if load is not None and load.share > MOST:
+        raise ValueError(
+            f"{model.name} is too heavy for these servos: {load}, of which a walk may ask for {MOST:.0%}; "
+            f"{least_servo(load.largest / MOST)}"
+        )
+
+
+def least_servo(torque: float, speed: float = 0.0) -> str:
+    """Name the weakest servo of the package with a stall torque [N m] and a speed without load [rad/s]."""
+    known = {name: load_servo(name) for name in servo_names()}
+    torques = {name: net_stall_torque(servo) for name, servo in known.items()}
+    strong = [name for name in known if torques[name] >= torque]
+    enough = [name for name in strong if not speed or torque_speed(known[name], points=2).no_load_speed >= speed]
+    asked = f"{torque:.3g} N m" + (f" and {speed:.2g} rad/s" if speed else "")
+    if not enough:
+        return f"no servo of the package has {asked}"
+    return f"the least servo of the package with {asked} is {min(enough, key=torques.__getitem__)}"

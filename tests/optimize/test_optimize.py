@@ -21,6 +21,7 @@ from featherstone_gait.optimize import (
     main_job,
     measure,
     optimize_gait,
+    preparation,
     summary,
     walking_cost,
 )
@@ -342,6 +343,15 @@ def test_the_poses_are_those_of_a_step_where_the_legs_mirror_each_other():
     assert default_states(replace(model, joints=joints, servos=servos, keyframes={})) == "stride"
 
 
+def test_the_time_is_estimated_from_the_first_gait_of_other_servos(tmp_path, capsys):
+    """A walk with friction that knows load takes longer; that of the humanoid's own servo is known."""
+    for servo, told in ((None, False), ("ax12", False), ("ax12a", True), ("generic", True)):
+        preparation.prepare("humanoid", OptimizeOptions(servo=servo, out=tmp_path))
+        printed = " ".join(capsys.readouterr().out.split())
+        assert ("estimated from the first gait" in printed) == told
+        assert bool(re.search(r"about \d+ s on two cores", printed)) == (not told)
+
+
 def test_one_floor_or_several_is_not_both(capsys, tmp_path):
     assert cli.main(["optimize", "--one-world", "--worlds", "3", "--out", str(tmp_path)]) == 2
     assert "give one of them" in capsys.readouterr().err
@@ -422,6 +432,17 @@ def test_a_job_in_which_nothing_walks_says_why(tmp_path, monkeypatch):
                 plan="plain", iterations=1, states="stride", worlds=1, test_worlds=0, out=tmp_path, progress=False
             )
         )
+
+
+def test_servos_too_slow_for_any_plan_end_the_job_before_a_search(tmp_path):
+    """Five times the torque at a fifth of the speed."""
+    servo = (Path(load_robot("humanoid").source).parents[1] / "servos" / "ax12.toml").read_text("utf-8")
+    assert servo.count("motor_constant = 0.00681 ") == 1
+    slow = tmp_path / "slow.toml"
+    slow.write_text(servo.replace("motor_constant = 0.00681 ", "motor_constant = 0.03405 "), "utf-8")
+    with pytest.raises(ValueError, match=r"joints are too slow to walk.* rad/s is xc330"):
+        main_job(options=OptimizeOptions(servo=slow, out=tmp_path / "out"))
+    assert [*(tmp_path / "out").iterdir()] == []
 
 
 def test_a_robot_without_two_soles_is_refused(tmp_path):

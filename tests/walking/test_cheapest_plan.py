@@ -11,7 +11,7 @@ from featherstone_gait import Ground, load_robot
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.robot_file import load_servo
 from featherstone_gait.scene.compile import compile_scene
-from featherstone_gait.walking.cheapest_plan import SLOW, Box, cheapest_plan, first_gait, speed_limits
+from featherstone_gait.walking.cheapest_plan import SLOW, Box, cheapest_plan, first_gait, gentle_plan, speed_limits
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 from featherstone_gait.walking.gait import TICK
 from featherstone_gait.walking.generic_servo import LEG, MASS, scaled_servo, with_generic_servos
@@ -73,7 +73,7 @@ def test_servos_too_slow_for_the_slowest_plan_are_named_before_any_plan_is_tried
     """At 0.15 of the voltage an AX-12 turns at 0.84 rad/s without load."""
     model, tried = scene.model, []
     slow = {name: replace(servo, voltage_limit=0.15 * servo.voltage_limit) for name, servo in model.servos.items()}
-    with pytest.raises(ValueError, match=r"rad/s, and without load it reaches 0\.84 rad/s.* ax12a"):
+    with pytest.raises(ValueError, match=r"rad/s, and without load it reaches 0\.84 rad/s.* 1\.3 rad/s is xc330"):
         cheapest_plan(scene.recompiled(replace(model, servos=slow)), searched=tried.append)
     assert not tried
 
@@ -106,6 +106,32 @@ def test_where_nothing_in_the_usual_box_can_be_walked_slower_plans_are_tried(sce
     assert all(trial.status != "ok" for trial in found.trials[:5])
     assert found.plan.walk.step_time > 0.36
     assert found.plan.walk.lift < 0.025
+
+
+def with_servos(scene, torque, speed):
+    """The humanoid with AX-12 of other torque and speed."""
+    servo = scaled_servo(load_servo("ax12"), torque, speed)
+    return scene.recompiled(replace(scene.model, servos=dict.fromkeys(scene.model.servos, servo)))
+
+
+def test_slow_servos_walk_a_plan_of_slow_steps(scene):
+    """With 0.6 of the speed the plain plan's references are too fast for the joints."""
+    slow = with_servos(scene, 1.0, 0.6)
+    found = gentle_plan(slow)
+    assert in_worlds(found.cost, 8)(found.gait.to_vector()) == (found.value, "ok")
+    references = found.gait.angles(TICK * np.arange(round(found.gait.period / TICK) + 1))
+    speeds = np.abs(np.diff(references, axis=0)).max(axis=0) / TICK
+    assert (speeds <= speed_limits(slow.model)).all()
+    plain = first_gait(slow, "plain").gait
+    references = plain.angles(TICK * np.arange(round(plain.period / TICK) + 1))
+    assert np.abs(np.diff(references, axis=0)).max() / TICK > speed_limits(slow.model).min()
+
+
+def test_weak_servos_are_told_torque_and_speed_of_the_plans_that_fall_and_a_servo_with_a_reserve(scene):
+    with pytest.raises(ValueError, match=r"none of 4 plans .* rad/s.* bears 0\.67 N m.* at stall.* is xl430"):
+        gentle_plan(with_servos(scene, 0.6, 1.0))
+    with pytest.raises(ValueError, match="double_support"):
+        gentle_plan(scene, double_support=2.0)
 
 
 def test_the_plain_plan_is_that_of_before(scene):
