@@ -99,7 +99,12 @@ def rolled(m: Any, d: Any, steps: int, samples: int, control: np.ndarray | None 
 
 
 def humanoid_of(model: Model) -> Any:
-    """Build the humanoid for MuJoCo, with a floor, position servos, and spheres as contacts, which alone collide."""
+    """Build the humanoid of `humanoid_spec` for MuJoCo."""
+    return humanoid_spec(model).compile()
+
+
+def humanoid_spec(model: Model) -> Any:
+    """Describe the humanoid for MuJoCo, with a floor, position servos, and spheres as contacts, which alone collide."""
     free: dict[str, Any] = {"type": "fixed", "lower": -math.inf, "upper": math.inf}
     joints = tuple(replace(j, **free) if j.name in model.locked else j for j in model.joints)
     moving = {name: model.servos[name] for name in model.joint_names}
@@ -120,10 +125,9 @@ def humanoid_of(model: Model) -> Any:
         actuator.set_to_position(kp=kp, kv=kv)
         limit = torque * servo.current_limit
         actuator.forcelimited, actuator.forcerange = True, [-limit, limit]
-    m = spec.compile()
-    m.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    m.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    return m
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    return spec
 
 
 def standing_on(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:

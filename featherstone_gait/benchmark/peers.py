@@ -189,7 +189,7 @@ def _lane_run(problem: Case, run_: Run) -> Callable[[], None]:
 def _mujoco_steps(problem: Case, repeats: int) -> list[Speed]:
     """Time steps of MuJoCo's humanoid, its servos' targets renewed every 10 ms as ours are."""
     m, steps, rows = engines.humanoid_of(problem.model), round(problem.duration / MS), []
-    for name, integrator in _integrators("Euler", "implicitfast", "discrete"):
+    for name, integrator in integrators("Euler", "implicitfast", "discrete"):
         m.opt.integrator = integrator
         start = _mujoco_start(m, problem)
         finer, path = (_mujoco_path(m, problem, start, h)[0] for h in (MS / FINER, MS))
@@ -199,7 +199,7 @@ def _mujoco_steps(problem: Case, repeats: int) -> list[Speed]:
     return rows
 
 
-def _integrators(*names: str) -> list[tuple[str, Any]]:
+def integrators(*names: str) -> list[tuple[str, Any]]:
     """Return MuJoCo's integrators of these names; older versions lack some."""
     kinds = ((name, getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)) for name in names)
     return [(name, kind) for name, kind in kinds if kind is not None]
@@ -271,7 +271,7 @@ def mujoco_methods(problem: Case) -> dict[str, Method]:
     methods: dict[str, Method] = {}
     for servo in ("free",) if problem.reference is None else ("position", "joint damping", "dcmotor"):
         m = _mujoco_arm(problem, servo)
-        for name, integrator in _integrators("Euler", "implicitfast", "implicit", "RK4", "discrete"):
+        for name, integrator in integrators("Euler", "implicitfast", "implicit", "RK4", "discrete"):
             if servo != "joint damping" or name == "Euler":
                 label = f"MuJoCo {name}" + ("" if servo == "free" else f", {servo}")
                 methods[label] = (STEPS, _mujoco_solver(m, integrator, problem.duration))

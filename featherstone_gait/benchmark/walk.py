@@ -111,6 +111,16 @@ def handed_over(repeats: int) -> str:
 
 
 def _robot_rows(model: Model, count: int) -> list[Row]:
+    times, references = planned(model, count)
+    name = f"{len(model.joint_names)} joints"
+    rows = _our_rows(name, model, times, references)
+    if installed("mujoco"):
+        rows += _mujoco_rows(name, model, times, references)
+    return rows
+
+
+def planned(model: Model, count: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return times (n,) [s] and references (n, nj) [rad] of rollouts, which differ by a little noise."""
     from ..walking.plan import walking_plan
 
     plan = walking_plan(load_robot("humanoid", locked="simplified"), com_height=0.205, n_steps=8)
@@ -122,11 +132,7 @@ def _robot_rows(model: Model, count: int) -> list[Row]:
     for _ in range(count):
         noisy = angles + NOISE * rng.normal(size=angles.shape[1])
         references.append(np.where(np.array(columns) >= 0, noisy[:, columns], 0.0))
-    name = f"{len(model.joint_names)} joints"
-    rows = _our_rows(name, model, times, references)
-    if installed("mujoco"):
-        rows += _mujoco_rows(name, model, times, references)
-    return rows
+    return times, references
 
 
 def _our_rows(name: str, model: Model, times: np.ndarray, references: Sequence[np.ndarray]) -> list[Row]:

@@ -29,6 +29,10 @@ ALONE = "times are valid only while nothing else runs"
 BENCHMARKS = {
     "speed": Benchmark("times of algorithms and steps, beside MuJoCo's", "speed.csv, speed_steps.csv, speed.png", 3),
     "walk": Benchmark("rollouts of a walk a second, beside MuJoCo's", "walk.csv, walk.png", 3),
+    "rollouts": Benchmark(
+        "the same at equal error, beside MuJoCo, MJX, MotrixSim",
+        "rollouts.csv, rollouts_lines.csv, rollouts_parts.csv", 10,
+    ),
     "precision": Benchmark("run time against error of every integrator", "precision.csv, precision.png", 8),
     "peers": Benchmark(
         "the same against Pinocchio, MuJoCo and SciPy", "peers.csv, peers_speed.csv, peers_lines.csv, peers.png", 8
