@@ -16,7 +16,14 @@ from ..step.pool import longest_step, renew_pool, spend
 from ..step.program import writes_torques
 from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
-from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
+from .integrator import (
+    begin_interval,
+    begin_run,
+    ends_on_records,
+    looks_ahead,
+    record_within,
+    take_adaptive_step,
+)
 from .rollout import FULL, TOO_COSTLY, TOO_SMALL, inspect, record, tick
 
 STALLED = 5000.0  # attempts at steps ...
@@ -110,7 +117,7 @@ def _cross(run, y, k, end, most, out):
                 continue
             pace[SINCE], pace[UNTIL] = t + done + EVENT_MARGIN, t + until - 2.0 * EVENT_MARGIN
             begin_interval(run.work, run, y, t + done)
-        longest = longest_step(run.scene.pairs, run, y, until - done)
+        longest = longest_step(run.scene.pairs, run, y, until - done, looks_ahead(run.work))
         if longest < 0.0:
             y[run.offsets[0].status] = FULL
             return True

@@ -21,7 +21,15 @@ from ..step.pace import EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, U
 from ..step.signals import inputs, time_of
 from ..tree.coupling import follow
 from ..tree.kinematics import unit_quaternions
-from .integrator import Integrator, begin_interval, ends_on_records, record_within, scratch, take_adaptive_step
+from .integrator import (
+    Integrator,
+    begin_interval,
+    ends_on_records,
+    looks_ahead,
+    record_within,
+    scratch,
+    take_adaptive_step,
+)
 from .rollout import record as write_record
 from .tableau import E3, E5, NODES, WEIGHTS, D
 
@@ -125,6 +133,7 @@ def _longest(second_run, pace):
 
 
 ends_on_records.of(DormandPrince)(lambda work: None)
+looks_ahead.of(DormandPrince)(lambda work: None)
 
 
 @record_within.of(DormandPrince)

@@ -108,6 +108,12 @@ def ends_on_records(work):
     return True
 
 
+@overridable
+def looks_ahead(work):
+    """Return True if a step takes forces at its end, so that it feels contacts that it makes; None if it does not."""
+    return True
+
+
 def scratch(sizes: Sizes, zeros) -> Scratch:
     """Make what every step overwrites; zeros(shape) makes its arrays."""
     return Scratch(

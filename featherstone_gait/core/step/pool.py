@@ -26,6 +26,7 @@ from ..tree.spatial import add, dot, sub, vector
 
 SPENDING = 8.0  # times what a step may spend: the radius of the pool
 LONGEST = 2e-2  # [s] for which a pool is renewed; steps with error control may be longer where nothing is near
+SEEN = 4.0  # times the resting depth
 KEPT = 6  # numbers of a slot that move with its pair: pair, feature, bristle, normal force
 
 
@@ -49,10 +50,11 @@ def renew_pool(pairs, run, y, h, begins):
 
 
 @if_present(1e300)
-def longest_step(pairs, run, y, h):
+def longest_step(pairs, run, y, h, ahead):
     """Return how long a step may be [s], at most h, for which the budget reaches; the pool is renewed if need be.
 
-    Returns -1 where the pool has not enough slots.
+    Returns -1 where the pool has not enough slots.  ahead None: the method sees no contact before it is there, so that
+    while any pair is near no shape may move by more than some depths at which a contact rests.
     """
     o = run.offsets[0]
     if y[o.pair_budget] < 2.0 * spending(run, y, h):
@@ -60,6 +62,15 @@ def longest_step(pairs, run, y, h):
             return -1.0
     while y[o.pair_budget] < 2.0 * spending(run, y, h):
         h = 0.5 * h
+    return _before_contact(ahead, pairs, run, y, h)
+
+
+@inline
+def _before_contact(ahead, pairs, run, y, h):
+    if ahead is None:
+        if y[run.offsets[0].pair] > 0.0:
+            way = spending(run, y, h)
+            return min(h, h * max(SEEN * pairs.margin / max(way, 1e-300), 1e-6))
     return h
 
 
