@@ -184,6 +184,11 @@ def shape_tables(shapes: Sequence[Shape | HalfSpace], links: Sequence[int]) -> S
     polytopes = [segment(0.0), *(part.polytope for part in parts)]
     faces, around, sides_ = (np.cumsum([len(one[k]) for one in polytopes]) for k in (1, 3, 4))
     table.first = table.first_vertex = _starts(part.polytope.vertices for part in parts)
+    round_ = np.stack([table.disc, table.disc, np.zeros(len(table))], axis=1)
+    table.extent = table.half + round_ + table.radius[:, None]
+    for row, part in zip(table, parts):
+        if row.kind == HULL:
+            row.extent = np.abs(part.polytope.vertices).max(axis=0) + row.radius
     table.first_normal, table.first_edge = (_starts(part.sides[k] for part in parts) for k in (0, 1))
     table.first_face, table.first_side = faces[:-1], sides_[:-1]
     loops = [one.loops + np.array([[start, 0]]) for one, start in zip(polytopes[1:], around)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from ..core.effects.pair import FULL
 from ..core.integrate import rollout
 
 
@@ -64,7 +65,7 @@ REMEDIES = {
     Status.NOT_CONVERGED: "use a smaller timestep or an implicit integrator",
     Status.INACCURATE: "give a smaller timestep or rtol; if that does not help, the motion is chaotic",
     Status.TOO_COSTLY: "raise rtol, or use implicit_euler or midpoint at a fixed step",
-    Status.TOO_MANY_CONTACTS: "give the pool more points, compile_scene(pairs=PairContact(..., max_points=N)), or choose fewer pairs",
+    Status.TOO_MANY_CONTACTS: "allow more: compile_scene(pairs=PairContact(max_points=...)), or choose fewer pairs",
 }
 OF_CODE = {  # status of a state, as the kernels write it
     rollout.OK: Status.OK,
@@ -72,5 +73,5 @@ OF_CODE = {  # status of a state, as the kernels write it
     rollout.DIVERGED: Status.DIVERGED,
     rollout.TOO_SMALL: Status.STEP_TOO_SMALL,
     rollout.TOO_COSTLY: Status.TOO_COSTLY,
-    rollout.FULL: Status.TOO_MANY_CONTACTS,
+    int(FULL): Status.TOO_MANY_CONTACTS,
 }

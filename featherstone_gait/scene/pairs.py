@@ -24,7 +24,7 @@ import numpy as np
 from ..base.fixed_order import applied, product, total
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, Pairs
-from ..core.tree.distance import Shapes
+from ..core.tree.distance import HALF_SPACE, Shapes
 from ..geometry.distance import HalfSpace, meeting_shapes, shape_tables
 from ..model import Ground, Joint
 from ..model.numpy_dynamics import link_poses
@@ -42,10 +42,11 @@ from .tree import GRAVITY, Tree
 WORLD = -1  # the tree of what never moves
 FAR = 1e6  # way of a sliding joint without limits [m]
 BEYOND = 1.1  # how far a sliding joint goes, of its limits: stops give way
+MOST = 96  # points between bodies that can move, of which so many can act at once
 CARRYING = 4  # of the points of two shapes, at most
 LIGHTEST = 1e-300  # [kg]
 LEAST_POINTS = 32  # of the pool
-NEAR = 0.05  # distance of spheres around shapes that are near each other [m]
+NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
 EARTH = math.sqrt(sum(g * g for g in GRAVITY))  # in place of no gravity [m/s^2]
 
@@ -129,7 +130,8 @@ def build_pairs(
             f"pairs: max_points is {slots}; expected {table.slots.max()} or more, which two of the shapes can touch at"
         )
     margin = max(option.penetration, options.ground.penetration if _has_ground(solids) and options.ground else 0.0)
-    pairs = Pairs(shapes, table, own_rows, reach, radius, np.array([slots]), margin)
+    room = np.array([slots, min(slots, max(MOST, 3 * len(trees_of(tree))))])
+    pairs = Pairs(shapes, table, own_rows, reach, radius, room, margin)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
     return Touching(pairs, names, tuple(parts.notes)), tree
 
@@ -373,7 +375,7 @@ def moving_masses(tree: Tree) -> list[float]:
 def _near_points(
     table: np.recarray, shapes: Shapes, members: Sequence[Member], tree: Tree, options: SceneOptions
 ) -> int:
-    """Return twice the points of the pairs that are near each other, by spheres around them, where all start."""
+    """Return twice the points of the pairs that are near each other, by boxes around them, where all start."""
     bases, joints = [], []
     for member in members:
         model, (x, y, *height) = member.model, member.placed.position
@@ -387,13 +389,25 @@ def _near_points(
     rotation, position = body_poses(members, tree, np.array(bases), joints)
     at = shapes.table
     center = position[at.link] + applied(rotation[at.link], at.r)
-    apart, reach = center[table.a] - center[table.b], at.bound[table.a] + at.bound[table.b] + NEAR
-    normal = product(rotation[at.link], at.E.reshape(-1, 3, 3))[table.b, :, 2]
-    flat = np.isinf(reach)
-    near = np.where(
-        flat, total(apart * normal) < at.bound[table.a] + NEAR, total(apart * apart) < np.where(flat, 0.0, reach) ** 2
-    )
+    apart, axes = center[table.a] - center[table.b], product(rotation[at.link], at.E.reshape(-1, 3, 3))
+    a, b = ((axes[one], at.extent[one]) for one in (table.a, table.b))
+    flat = at.kind[table.b] == HALF_SPACE
+    gaps = [_gap_along(axes[of][:, :, k], apart, a, b) for of in (table.a, table.b) for k in range(3)]
+    above = total(apart * b[0][:, :, 2]) - _half_width(b[0][:, :, 2], *a)
+    near = np.where(flat, above, np.max(gaps, axis=0)) < NEAR
     return 2 * int(table.slots[near].sum())
+
+
+def _gap_along(
+    normal: np.ndarray, apart: np.ndarray, a: tuple[np.ndarray, np.ndarray], b: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Return how far boxes, of axes (n, 3, 3) and extents (n, 3), are apart along normals (n, 3) [m]."""
+    return np.abs(total(normal * apart)) - _half_width(normal, *a) - _half_width(normal, *b)
+
+
+def _half_width(normal: np.ndarray, axes: np.ndarray, extent: np.ndarray) -> np.ndarray:
+    """Return how far boxes reach from their centers along normals (n, 3) [m]."""
+    return total(np.abs(total(axes * normal[:, :, None], axis=1)) * extent)
 
 
 def body_poses(

@@ -17,10 +17,11 @@ from ..compile.lanes import any_lane, flat, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.outside import call_entry
 from ..compile.structure import record, structure
-from ..tree.distance import HALF_SPACE, Shapes
+from ..tree.distance import Shapes
 from ..tree.forest import joint_count
 from ..tree.layout import SF, TOUCH, P, R, U, V
 from ..tree.rigid_body import center_velocity
+from ..tree.separation import gap_at_least
 from ..tree.spatial import (
     add,
     compose,
@@ -88,7 +89,7 @@ class Pairs(NamedTuple):
     own_rows: np.ndarray  # (rows,) of row_a and row_b, those of bodies without a contact point on the ground
     reach: np.ndarray  # (joints,) bound of the way [m] that a shape moves by one radian or meter of a joint
     radius: np.ndarray  # (trees,) bound of the distance from a tree's base to any point of its shapes [m]
-    slots: np.ndarray  # (1,) slots of the pool
+    slots: np.ndarray  # (2,) slots of the pool; points between bodies that can move, of which so many act at once
     margin: float  # the depth at which a pair rests under its load [m]: gaps below it are looked at
 
 
@@ -98,7 +99,7 @@ class Pool(NamedTuple):
 
     C: np.ndarray  # (slots, COLUMNS): points, of the columns of contact.py and those below
     pair: np.ndarray  # (slots,) row of the pair that has the slot
-    count: np.ndarray  # (2,) slots in use, and islands
+    count: np.ndarray  # (3,) slots in use, islands, most slots that were in use
     # Islands: trees that touch each other, by tree_a of their points; see step/island.py.
     parent: np.ndarray  # (trees,)
     trees: np.ndarray  # (trees,) numbers of trees, one island after the other
@@ -113,12 +114,12 @@ class Pool(NamedTuple):
     fraction: np.ndarray  # (trees,) of the pass
     shared: np.ndarray  # (trees,) scratch
     # Rows: see tree/rows.py.
-    row_point: np.ndarray  # (slots,) slot whose point has the rows 3 k to 3 k + 2
-    envelope: np.ndarray  # (slots,) first point on which the elimination of each depends
-    responses: np.ndarray  # (3 slots, 2, bodies of the largest tree)
-    roots: np.ndarray  # (3 slots, 2, SIDE)
-    matrix: np.ndarray  # (3 slots, 3 slots)
-    force: np.ndarray  # (2, 3 slots)
+    row_point: np.ndarray  # (points,) slot whose point has the rows 3 k to 3 k + 2
+    envelope: np.ndarray  # (points,) first point on which the elimination of each depends
+    responses: np.ndarray  # (3 points, 2, bodies of the largest tree)
+    roots: np.ndarray  # (3 points, 2, SIDE)
+    matrix: np.ndarray  # (3 points, 3 points)
+    force: np.ndarray  # (2, 3 points)
     # The narrow phase, one lane after the other, and the exchange of slots.
     manifold: np.ndarray  # (8, 8)
     bench: tuple  # Bench of manifold.py
@@ -140,6 +141,7 @@ GAP = ON + 1  # distance of the surfaces where the predicted state has them [m];
 FACTOR = GAP + 1  # 4: h times the slopes as W W', W lower triangular: normal, 11, 21, 22
 COLUMNS = FACTOR + 4
 FAR = 1e9  # [m]
+FULL = 5.0  # status of a run in which more touches than there is room for
 LEAST = 1e-150  # length of a bristle below which it is none [m]
 OLD = 6  # columns of `Pool.old`
 
@@ -243,7 +245,7 @@ def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
     far = _way(pair, (a, b), (ra, rb), h, step, lane, width) + pairs.margin
     rb = add(rb, shift)
     found = 0
-    if least_gap(a, b, Eb, sub(ra, rb)) < far:
+    if gap_at_least(a, b, Ea, Eb, sub(ra, rb), far) < far:
         poses = pool.poses
         store9(poses, 0, 0, Ea)
         store3(poses, 0, 9, ra)
@@ -263,14 +265,6 @@ def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
             _store(C, c + j, AXES + 3, t, lane, width)
             _store(C, c + j, AXES + 6, cross(n, t), lane, width)
             C[((c + j) * COLUMNS + GAP) * width + lane] = -pool.manifold[m, 6]
-
-
-@inline
-def least_gap(a, b, Eb, c):
-    """Return a lower bound of the gap of two shapes [m]; c: from the center of b to that of a."""
-    if b.kind == HALF_SPACE:
-        return Eb[2] * c[0] + Eb[5] * c[1] + Eb[8] * c[2] - a.bound
-    return sqrt(dot(c, c)) - a.bound - b.bound
 
 
 @inline
@@ -496,7 +490,6 @@ def move_pairs(pairs, step):
         for k in range(3):
             y[o.pair_deflection + 3 * c + k] = select(on, m[k], zero)
         _record(pair, step, c, f)
-    _forget(step)
 
 
 @inline
@@ -513,18 +506,6 @@ def _record(pair, step, c, f):
     y[o.pair_gap + c] = C[c, GAP]
 
 
-@inline
-def _forget(step):
-    """Set what is derived of slots without a pair to zero."""
-    y, o, pool = step.y, step.offsets, step.pool
-    for c in range(pool.count[0], len(pool.pair)):
-        y[o.pair_normal_force + c] = 0.0
-        y[o.pair_gap + c] = 0.0
-        for k in range(3):
-            y[o.pair_force + 3 * c + k] = 0.0
-            y[o.pair_position + 3 * c + k] = 0.0
-
-
 # ---------------------------------------------------------------------------------------------- as an equation
 
 
@@ -537,8 +518,9 @@ def pair_rates(pairs, step, dy):
             W[pairs.own_rows[k], j] = 0.0
     dy[o.pair_work] = 0.0 * y[o.pair_work]
     place_pairs(pairs, None, step, 0.0)
-    for c in range(3 * pool.count[0], 3 * len(pool.pair)):
+    for c in range(3 * pool.count[0], 3 * pool.count[2]):  # rates of before
         dy[o.pair_deflection + c] = 0.0 * y[o.pair_deflection + c]
+    pool.count[2] = max(pool.count[0], pool.count[2])
     for c in range(pool.count[0]):
         pair, u, z = pairs.pairs[pool.pair[c]], load3(C, c, U0), bristle(C, c)
         fn, _ = normal_force(pair, C[c, DEPTH], u[0], 0.0)
@@ -559,7 +541,6 @@ def pair_rates(pairs, step, dy):
             _press(pair.row_a, on, load3(C, c, XP), force, W)
             if pair.row_b > 0:
                 _press(pair.row_b, on, load3(C, c, XB), scale(force, -1.0), W)
-    _forget(step)
 
 
 @inline

@@ -10,6 +10,7 @@ from ..compile.optional import any_present
 from ..compile.outside import read_now
 from ..effects.actuator import controller_of
 from ..effects.controller import apply_delayed
+from ..effects.pair import FULL
 from ..effects.push import EVENT_MARGIN, next_edge
 from ..step.pace import ATTEMPTS, EVALUATIONS, EVENT, GRID, INSIDE, MARK, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
 from ..step.pool import longest_step, renew_pool, spend
@@ -24,7 +25,7 @@ from .integrator import (
     record_within,
     take_adaptive_step,
 )
-from .rollout import FULL, TOO_COSTLY, TOO_SMALL, inspect, record, tick
+from .rollout import TOO_COSTLY, TOO_SMALL, inspect, record, tick
 
 STALLED = 5000.0  # attempts at steps ...
 PROGRESS, SHARE = 5e-7, 1e-7  # ... that must bring a run on by so much [s], or by that share of its duration

@@ -129,8 +129,8 @@ def pool_of(sizes: Sizes, zeros) -> Pool | None:
     """Make the scratch arrays of pairs, None without."""
     if sizes.pairs is None:
         return None
-    slots, trees = int(sizes.pairs.slots[0]), sizes.trees
-    rows = 3 * slots
+    slots, points, trees = int(sizes.pairs.slots[0]), int(sizes.pairs.slots[1]), sizes.trees
+    rows = 3 * points
 
     def whole(size):
         return np.zeros(size, np.int64)
@@ -139,10 +139,10 @@ def pool_of(sizes: Sizes, zeros) -> Pool | None:
     narrow = address_of(contacts_at, sizes.pairs.shapes, 0, 0, poses, 0.0, sizes.bench, manifold)
 
     return Pool(
-        C=zeros((slots, PAIR_SCRATCH)), pair=whole(slots), count=whole(2), parent=whole(trees), trees=whole(trees),
+        C=zeros((slots, PAIR_SCRATCH)), pair=whole(slots), count=whole(3), parent=whole(trees), trees=whole(trees),
         first_tree=whole(trees + 1), points=whole(slots), first_point=whole(trees + 1), island=whole(trees),
         label=zeros(trees), at_work=zeros(trees), wrong=zeros(trees), slope=zeros(trees), fraction=zeros(trees),
-        shared=zeros(trees), row_point=whole(slots), envelope=whole(slots),
+        shared=zeros(trees), row_point=whole(points), envelope=whole(points),
         responses=zeros((rows, 2, sizes.largest)), roots=zeros((rows, 2, SIDE)), matrix=zeros((rows, rows)),
         force=zeros((2, rows)), manifold=manifold, bench=sizes.bench, poses=poses, narrow=narrow,
         old=np.zeros((slots, OLD)),

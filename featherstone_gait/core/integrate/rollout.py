@@ -7,6 +7,7 @@ from ..compile.outside import read_now
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import apply_delayed, control_tick
+from ..effects.pair import FULL
 from ..step.pool import renew_pool
 from ..step.program import commanded, writes_torques
 from ..step.signals import EVENT_MARGIN, evaluate, time_of
@@ -16,7 +17,7 @@ from ..tree.forest import base_of, joint_count
 from ..tree.kinematics import quaternion_matrix
 from .integrator import take_step, thetas
 
-OK, FELL, DIVERGED, TOO_SMALL, TOO_COSTLY, FULL = 0, 1, 2, 3, 4, 5
+OK, FELL, DIVERGED, TOO_SMALL, TOO_COSTLY = 0, 1, 2, 3, 4
 NEVER = -1e300  # a height below which no robot falls
 TOO_FAST = 1e8  # sum of the sizes of speeds and of the base's position beyond which a run has diverged
 

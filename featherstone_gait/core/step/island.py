@@ -22,6 +22,7 @@ from ..effects.contact import U0, UK, linearize_contacts, model_force, place_con
 from ..effects.pair import (
     AXES,
     FACTOR,
+    FULL,
     ON,
     XB,
     XP,
@@ -329,8 +330,12 @@ def _solve_rows(n, pairs, step):
     """Find the forces of the points between bodies that can move, and let them act on the trees' solutions."""
     pool, count = step.pool, 0
     for i in range(pool.first_point[n], pool.first_point[n + 1]):
-        if pairs.pairs[pool.pair[pool.points[i]]].folded == 0:
-            pool.row_point[count] = pool.points[i]
+        c = pool.points[i]
+        if pairs.pairs[pool.pair[c]].folded == 0:
+            if count == len(pool.row_point):
+                _end_full(c, step)
+                break
+            pool.row_point[count] = c
             count += 1
     if count > 0:
         for k in range(count):
@@ -339,6 +344,14 @@ def _solve_rows(n, pairs, step):
         _eliminate(3 * count, pool)
         for k in range(count):
             _apply(k, pairs, step)
+
+
+@inline
+def _end_full(c, step):
+    """End a run, and reject a step with error control, in lanes in which more points act than there are rows for."""
+    y, o, on = step.y, step.offsets, step.pool.C[c, ON] > 0.0
+    y[o.status] = select(on, FULL + 0.0 * y[o.status], y[o.status])
+    y[o.newton_iterations + 1] = select(on, y[o.newton_iterations + 1] + 1.0, y[o.newton_iterations + 1])
 
 
 @inline

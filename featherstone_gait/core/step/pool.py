@@ -16,13 +16,13 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, flat, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.structure import structure
-from ..effects.pair import FAR, SUDDEN
-from ..tree.distance import HALF_SPACE
+from ..effects.pair import FAR, SUDDEN, load9_of
 from ..tree.forest import base_of, joints_of
 from ..tree.kinematics import pose_pass
 from ..tree.layout import R
 from ..tree.rigid_body import point_position
-from ..tree.spatial import add, dot, sub, vector
+from ..tree.separation import gap_at_least
+from ..tree.spatial import add, compose, load9, sub, vector
 
 SPENDING = 8.0  # times what a step may spend: the radius of the pool
 LONGEST = 2e-2  # [s] for which a pool is renewed; steps with error control may be longer where nothing is near
@@ -44,7 +44,7 @@ def renew_pool(pairs, run, y, h, begins):
     o = run.offsets[0]
     fits, cost = True, spending(run, y, h)
     if begins or any_lane(y[o.pair_budget] < 2.0 * cost):
-        fits = _renew(pairs, run, y, SPENDING * spending(run, y, min(h, LONGEST)))
+        fits = _renew_for(pairs, run, y, h)
     y[o.pair_budget] = y[o.pair_budget] - cost
     return fits
 
@@ -58,7 +58,7 @@ def longest_step(pairs, run, y, h, ahead):
     """
     o = run.offsets[0]
     if y[o.pair_budget] < 2.0 * spending(run, y, h):
-        if not _renew(pairs, run, y, SPENDING * spending(run, y, min(h, LONGEST))):
+        if not _renew_for(pairs, run, y, h):
             return -1.0
     while y[o.pair_budget] < 2.0 * spending(run, y, h):
         h = 0.5 * h
@@ -99,6 +99,13 @@ def spending(run, y, h):
     return 4.0 * h * most + SUDDEN * (h * h)
 
 
+@inline
+def _renew_for(pairs, run, y, h):
+    """Renew the pool for steps of h [s]: widely, or if that needs more slots than there are, for one step alone."""
+    way = spending(run, y, min(h, LONGEST))
+    return _renew(pairs, run, y, SPENDING * way) or _renew(pairs, run, y, 3.0 * way)
+
+
 @kernel
 def _renew(pairs, run, y, radius):
     """Give the pairs within the radius [m] their slots, and set the budget; return whether there are enough."""
@@ -116,12 +123,15 @@ def _renew(pairs, run, y, radius):
         y[o.pair + c] = 0.0
         y[o.pair_feature + c] = 0.0
         y[o.pair_normal_force + c] = 0.0
+        y[o.pair_gap + c] = 0.0
         for k in range(3):
             y[o.pair_deflection + 3 * c + k] = 0.0
+            y[o.pair_force + 3 * c + k] = 0.0
+            y[o.pair_position + 3 * c + k] = 0.0
     budget = FAR + 0.0 * y[o.pair_budget]
     for k in range(len(pairs.pairs)):
         pair = pairs.pairs[k]
-        gap = _least_gap(pairs, pair, o, y, frames) - pairs.margin
+        gap = _least_gap(pairs, pair, o, y, frames, radius + pairs.margin) - pairs.margin
         if any_lane(gap < radius):
             if used + pair.slots > slots:
                 fits = False
@@ -136,23 +146,25 @@ def _renew(pairs, run, y, radius):
 
 
 @inline
-def _least_gap(pairs, pair, o, y, W):
-    """Return a lower bound of the gap of a pair [m]."""
+def _least_gap(pairs, pair, o, y, W, enough):
+    """Return a lower bound of the gap of a pair [m]; one that is not below `enough` may be any other that is not."""
     a, b = pairs.shapes.table[pair.a], pairs.shapes.table[pair.b]
-    x = _center(a, pair.tree_a, pair.body_a, o, y, W)
-    c = sub(x, _center(b, pair.tree_b, pair.body_b, o, y, W))
-    if b.kind == HALF_SPACE:  # of the world
-        return b.E[2] * c[0] + b.E[5] * c[1] + b.E[8] * c[2] - a.bound
-    return sqrt(dot(c, c)) - a.bound - b.bound
+    Ea, ra = _pose(a, pair.tree_a, pair.body_a, o, y, W)
+    Eb, rb = _pose(b, pair.tree_b, pair.body_b, o, y, W)
+    return gap_at_least(a, b, Ea, Eb, sub(ra, rb), enough)
 
 
 @inline
-def _center(shape, tree, body, o, y, W):
+def _pose(shape, tree, body, o, y, W):
+    """Return rotation and center of a shape in the world."""
+    E, zero = load9_of(shape.E), 0.0 * W[0, R]
     if tree < 0:
-        zero = 0.0 * W[0, R]
-        return (shape.r[0] + zero, shape.r[1] + zero, shape.r[2] + zero)
+        return (
+            (E[0] + zero, E[1] + zero, E[2] + zero, E[3] + zero, E[4] + zero, E[5] + zero, E[6] + zero, E[7] + zero,
+             E[8] + zero), (shape.r[0] + zero, shape.r[1] + zero, shape.r[2] + zero),
+        )  # fmt: skip
     at = o.base_q + 7 * tree
-    return add(point_position(body, vector(shape.r), W), (y[at], y[at + 1], y[at + 2]))
+    return compose(load9(W, body, R), E), add(point_position(body, vector(shape.r), W), (y[at], y[at + 1], y[at + 2]))
 
 
 @inline

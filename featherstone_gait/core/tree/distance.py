@@ -35,6 +35,7 @@ SHAPE = record(
     disc=float,  # radius of the disc about z in the core [m]
     radius=float,  # of the ball [m]
     bound=float,  # radius of a sphere about the center that holds all of the shape [m]; inf of a half space
+    extent=(float, 3),  # of a box about the center, in the shape's axes, that holds all of the shape: half edges [m]
     kind=int,  # one of those below
     first_vertex=int,  # of a point, segment, box or hull, among the corners
     vertices=int,
