@@ -153,8 +153,8 @@ def by_pair(channels: Mapping[str, np.ndarray], info: Mapping[str, Any], name: s
 def seen_from(run: Any, name: str) -> tuple[dict[str, np.ndarray], list[tuple[str, str]]]:
     """Return the channels of slots, and the links of each row of the table, as one member of a scene sees them.
 
-    Slots of pairs that are not the member's have no owner and no force.  In each pair of its own the member's link comes
-    first, without its name, so that forces are those on it.
+    Slots of pairs that are not the member's have no owner and no force.  In each pair of its own the member's link
+    comes first, without its name, so that forces are those on it.
     """
     if not run.info.get("pairs") or "pair" not in run.channels:
         return {}, []

@@ -131,12 +131,12 @@ def test_tables_and_plots_name_the_links_that_touch(meeting):
 
 
 def test_a_pool_that_is_too_small_ends_the_run_with_the_argument_to_change():
-    scene = compiled(PairContact(max_points=4))
-    run = simulate(scene, 0.1, record=RECORD)
+    scene = compiled(PairContact(max_points=8))  # the box on the table has them all when the balls come close
+    run = simulate(scene, 0.1, towards(scene), record=RECORD)
     assert run.status == "too many contacts"
     assert run.failed
     assert "max_points" in run.message
-    assert "4 points" in run.message
+    assert "8 points" in run.message
     assert "max_points" in run.status.remedy
 
 

@@ -409,7 +409,7 @@ def test_the_pool_has_room_for_what_is_near_at_the_start_and_for_piles():
     cube = body(CUBE, 1.0)
     apart = [Placed(cube, f"c{k}", (0.3 * k, 0.0, 0.3)) for k in range(30)]
     assert compile_scene(apart, pairs="all").touching.table.slots[0] == 32 + 30 * 3 * 8
-    close = [Placed(cube, f"c{k}", (0.15 * k, 0.0, 0.3)) for k in range(30)]  # spheres of 0.087 m around each
+    close = [Placed(cube, f"c{k}", (0.12 * k, 0.0, 0.3)) for k in range(30)]  # 0.02 m apart
     assert compile_scene(close, pairs="all").touching.table.slots[0] == 32 + 30 * 3 * 8 + 2 * 29 * 8
     robot = load_robot("humanoid")
     for ground in (None, Ground()):
