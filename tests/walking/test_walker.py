@@ -7,6 +7,7 @@ import pytest
 
 from featherstone_gait import load_robot
 from featherstone_gait.optimize import OptimizeOptions, main_job, planning
+from featherstone_gait.optimize.preparation import prepare
 from featherstone_gait.walking import BIOLOID_WALK
 from featherstone_gait.walking.generic_servo import LEG, MASS
 from featherstone_gait.walking.walker import MARGIN, driven, leg_length, load_walker
@@ -81,11 +82,22 @@ def test_a_plain_plan_that_falls_gives_way_to_the_cheapest_and_says_so(bare, tmp
         asked.append(plan)
         raise ValueError("out of reach" if plan == "plain" else "no plan walks")
 
+    def gentle_plan(*_, **__):
+        raise ValueError("none of 4 plans of slow steps walks")
+
     monkeypatch.setattr(planning, "plan_first_gait", plan_first_gait)
+    job = prepare(bare, OptimizeOptions(servo="generic", legs_only=True, out=tmp_path))
+    start = planning.plan_start(job)  # of a plan of slow steps
+    assert start.failure == "ok"
+    assert start.unplanned == "no plan walks"
+    assert f"a plan of slow steps walks, at {start.value:.1f} J/m" in capsys.readouterr().out
+    monkeypatch.setattr(planning, "gentle_plan", gentle_plan)
     with pytest.raises(ValueError, match="no plan walks"):
-        main_job(bare, OptimizeOptions(servo="generic", legs_only=True, out=tmp_path))
-    assert asked == ["plain", "cheapest"]
-    assert "plain plan: out of reach; searching for the cheapest plan that walks" in capsys.readouterr().out
+        planning.plan_start(job)
+    assert asked == ["plain", "cheapest"] * 2
+    told = capsys.readouterr().out
+    assert "plain plan: out of reach; searching for the cheapest plan that walks" in told
+    assert "none of 4 plans of slow steps walks. Other plans are tried all the same" in told
 
 
 def test_a_plan_that_is_named_is_not_replaced(bare, tmp_path, monkeypatch):
