@@ -84,6 +84,8 @@ class Task(NamedTuple):
 class _Robots:
     """Parts that environments of one and of many robots share; rows of arrays are robots."""
 
+    more = 0  # numbers that are observed of other things than the robot
+
     def __init__(
         self,
         robot: Any,
@@ -95,8 +97,9 @@ class _Robots:
         duration: float,
         gearbox: str | None,
     ) -> None:
-        self.task, self.worlds, self.scene = task, worlds, _scene(robot, gearbox)
-        model, n = self.scene.model, self.scene.tree.n
+        self.task, self.worlds = task, worlds
+        self.scene, self.alone = self.compiled(robot, gearbox)
+        model, n = self.alone.model, self.alone.tree.n
         self.angles = vector("angles", np.zeros(n) if angles is None else angles, n, "[rad or m], of a standing robot")
         self.scale = real("scale", scale, 0.0, 10.0, "it is what an action of 1 moves a reference by")
         self.ticks = whole("ticks", ticks, 1, "an action holds for so many controller ticks", most_ticks(self.scene))
@@ -104,11 +107,16 @@ class _Robots:
         self.lower = np.array([joint.lower for joint in model.moving_joints])
         self.upper = np.array([joint.upper for joint in model.moving_joints])
         self.angles = np.clip(self.angles, self.lower, self.upper)
-        standing = self.scene.state_view(standing_state(self.scene, self.angles))
+        standing = self.alone.state_view(standing_state(self.alone, self.angles))
         self.standing = np.concatenate([standing["base_q"], standing["q"]])
         self.height = float(standing["base_q"][2])
-        self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 10,), np.float64)
+        self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 10 + self.more,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float64)
+
+    def compiled(self, robot: Any, gearbox: Any) -> tuple[CompiledScene, CompiledScene]:
+        """Return the scene, and that of the robot alone."""
+        scene = _scene(robot, gearbox)
+        return scene, scene
 
     @cached_property
     def picture(self) -> Picture:
@@ -116,19 +124,27 @@ class _Robots:
         from ..view.movie import Picture
 
         assert self.scene.ground is not None
-        return Picture(self.scene.model, self.standing[None], self.scene.ground.height)
+        return Picture(*self.drawn_first(), self.scene.ground.height)
+
+    def drawn_first(self) -> tuple[Model, np.ndarray]:
+        """Return the model to draw, and its positions (1, nq) at the start."""
+        return self.alone.model, self.standing[None]
+
+    def drawn(self, seen: dict[str, np.ndarray], robot: int) -> np.ndarray:
+        """Return the positions (nq,) to draw of a robot."""
+        return np.concatenate([seen["base_q"][robot], seen["q"][robot]])
 
     def draw(self, session: Session, robot: int = 0) -> np.ndarray:
         """Return a picture (height, width, 3) of a robot as it is now."""
         seen, status = session.observe(), session.status[robot]
         label = f"{session.time[robot]:.2f} s" + f": {status}" * (status != "ok")
-        self.picture.draw(np.concatenate([seen["base_q"][robot], seen["q"][robot]]), label)
+        self.picture.draw(self.drawn(seen, robot), label)
         return self.picture.pixels()
 
     def begin(self, draw: np.random.Generator) -> np.ndarray:
         """Draw the first state of an episode."""
         angles = self.angles + draw.uniform(-SPREAD, SPREAD, self.angles.shape)
-        return standing_state(self.scene, np.clip(angles, self.lower, self.upper))
+        return standing_state(self.alone, np.clip(angles, self.lower, self.upper))
 
     def reference(self, actions: np.ndarray) -> np.ndarray:
         """Return the reference of the servos (n, joints) for actions."""
@@ -161,6 +177,10 @@ class _Robots:
         if self.task.speed:
             reward = reward + np.clip(seen["base_qd"][:, 0] / self.task.speed, -1.0, 1.0)
         return reward
+
+    def ended(self, session: Session, seen: dict[str, np.ndarray]) -> np.ndarray:
+        """Return whose episode has ended, other than by its time."""
+        return ~session.active
 
     def info(self, session: Session, seen: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return time [s], place [m] and tilt [rad] of the base."""
@@ -204,6 +224,7 @@ class RobotEnv(gymnasium.Env):
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50.0}  # noqa: RUF012
     task = Task()
+    _kind = _Robots
 
     @keywords(servos="gearbox")
     def __init__(
@@ -218,7 +239,7 @@ class RobotEnv(gymnasium.Env):
         gearbox: str | None = None,
         render_mode: str | None = None,
     ) -> None:
-        self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
+        self._robots = self._kind(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
         self.render_mode, self.metadata = _render_mode(self, render_mode)
         self._window: Window | None = None
         self._worlds = self._robots.worlds
@@ -253,7 +274,7 @@ class RobotEnv(gymnasium.Env):
         actions = vector("action", action, len(robots.angles), "numbers from -1 to 1")[None]
         robots.push(session, [self.np_random])
         seen = session.step(robots.reference(actions), robots.ticks)
-        ended, late = not session.active[0], bool(session.time[0] >= robots.duration - 1e-9)
+        ended, late = bool(robots.ended(session, seen)[0]), bool(session.time[0] >= robots.duration - 1e-9)
         reward = float(robots.reward(seen, actions)[0])
         if self.render_mode == "human":
             self.render()
@@ -321,6 +342,7 @@ class RobotVectorEnv(VectorEnv):
         "render_modes": ["rgb_array"], "render_fps": 50.0, "autoreset_mode": AutoresetMode.NEXT_STEP,
     }  # fmt: skip
     task = Task()
+    _kind = _Robots
 
     @keywords(servos="gearbox")
     def __init__(
@@ -336,7 +358,7 @@ class RobotVectorEnv(VectorEnv):
         gearbox: str | None = None,
         render_mode: str | None = None,
     ) -> None:
-        self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
+        self._robots = self._kind(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
         self.render_mode, self.metadata = _render_mode(self, render_mode)
         self.num_envs = whole("num_envs", num_envs, 1, "give the number of robots", MOST_ROBOTS)
         self.single_observation_space = self._robots.observation_space
@@ -394,7 +416,7 @@ class RobotVectorEnv(VectorEnv):
         seen = session.step(robots.reference(given), robots.ticks)
         if new.any():
             seen = self._begin(new)
-        ended = ~session.active & ~new
+        ended = robots.ended(session, seen) & ~new
         late = (session.time >= robots.duration - 1e-9) & ~ended & ~new
         rewards = np.where(new, 0.0, robots.reward(seen, given))
         self._ended = ended | late
@@ -470,13 +492,7 @@ def _scene(robot: Any, gearbox: Any) -> CompiledScene:
     """Return the scene of a robot that can stand."""
     scene = robot
     if not isinstance(robot, CompiledScene):
-        model = robot if isinstance(robot, Model) else load_robot(robot)
-        if not model.servos:
-            raise ValueError(
-                f"{model.name}: it has no servos, which actions move; add some: walking.with_generic_servos("
-                "load_robot(FILE, base='floating', contacts='feet'), leg=LENGTH)"
-            )
-        scene = compile_scene(model, servo_gearbox(model, gearbox), Ground(), "midpoint", 1e-3)
+        scene = compile_scene(*actuated(robot, gearbox), Ground(), "midpoint", 1e-3)
     check_one(scene, "an environment")
     if scene.ground is None or not scene.tree.floating or scene.constants.actuator is None:
         raise ValueError(
@@ -484,6 +500,17 @@ def _scene(robot: Any, gearbox: Any) -> CompiledScene:
             "with base='floating', and compile its scene with ground=Ground() and servos"
         )
     return scene
+
+
+def actuated(robot: Any, gearbox: Any) -> tuple[Model, Any]:
+    """Return the model of a robot with servos, and the gearbox model that they take."""
+    model = robot if isinstance(robot, Model) else load_robot(robot)
+    if not model.servos:
+        raise ValueError(
+            f"{model.name}: it has no servos, which actions move; add some: walking.with_generic_servos("
+            "load_robot(FILE, base='floating', contacts='feet'), leg=LENGTH)"
+        )
+    return model, servo_gearbox(model, gearbox)
 
 
 def _up(base_q: np.ndarray) -> np.ndarray:

@@ -214,4 +214,3 @@ def _signs(names: Sequence[tuple[str, str]], first: str, second: str | None) -> 
 
 def _is(link: str, name: Any) -> bool:
     return link == name or (isinstance(name, str) and link.startswith(name + SEPARATOR))
-

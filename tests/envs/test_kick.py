@@ -1,0 +1,120 @@
+"""The environment with an object: Gymnasium's checks, a controller that scores, an agent that does not, bits."""
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from featherstone_gait.envs import Kick, KickVector, Stand, kick_scene
+from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.worlds import Worlds
+
+TIMES = np.cumsum([0.0, 0.4, 0.18, 0.16])  # standing, leaning to the left, leg lifted back, kicked [s]
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return kick_scene(load_robot("humanoid", locked="simplified"))
+
+
+def postures(names):
+    """Joint positions (times, joints) of a kick with the right foot [rad]."""
+    lean = {f"{side}_hip_lateral": 0.22 for side in ("left", "right")}
+    lean |= {f"{side}_ankle_lateral": -0.22 for side in ("left", "right")}
+    leg = ("right_hip_front", "right_knee", "right_ankle_front")
+    poses = {}, lean, lean | dict(zip(leg, (0.52, 0.5, -1.02))), lean | dict(zip(leg, (0.4, -0.42, -0.28)))
+    return np.array([[pose.get(name, 0.0) for name in names] for pose in poses])
+
+
+def kicked(env, seed):
+    """Rewards without the effort, way of the ball to the goal [m], and last info, of an episode of the kick."""
+    table, total = postures(env._robots.alone.model.joint_names), 0.0
+    seen, info = env.reset(seed=seed)
+    start = np.hypot(*seen[-2:])
+    ended = late = False
+    while not (ended or late):
+        action = [np.interp(info["time"] + 0.02, TIMES, column) for column in table.T]
+        seen, reward, ended, late, info = env.step(np.array(action))
+        total += reward + 0.01 * np.mean(np.square(action))
+    return total, start - np.hypot(*seen[-2:]), info
+
+
+def test_gymnasium_finds_nothing_wrong(scene):
+    made = gymnasium.make("featherstone_gait/Kick-v0", robot=scene, duration=0.2, render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*(infinity|spec|render).*")
+        check_env(made.unwrapped)
+    made.close()
+
+
+def test_a_kick_scores_and_chance_does_not(scene):
+    """What is rewarded besides goal and effort is the way of the ball, whose speed is taken at the end of each step."""
+    env = Kick(scene, scale=1.0, duration=3.0)
+    found = [kicked(env, seed) for seed in range(10)]
+    assert sum(info["goal"] for *_, info in found) >= 9
+    for total, way, info in found:
+        if info["goal"]:
+            assert info["tilt"] < 0.2
+            assert total == pytest.approx(1.0 + way, abs=0.02)
+    draw, goals, rewards = np.random.default_rng(0), 0.0, []
+    for seed in range(10):
+        env.reset(seed=seed)
+        ended = late = False
+        while not (ended or late):
+            _, reward, ended, late, info = env.step(draw.uniform(-0.3, 0.3, 10))
+            rewards.append(reward)
+        goals += info["goal"]
+    assert goals == 0.0
+    assert sum(rewards) / 10 < 0.5
+    env.close()
+
+
+def test_pictures_show_the_ball(scene):
+    """A picture changes where the ball alone has moved."""
+    env = Kick(scene, render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    states = env._session.state
+    base = scene.state_view(states).base_q.copy()
+    base[0, 1, :2] += 0.1
+    env._session.set_state("base_q", base.reshape(1, -1))
+    assert not np.array_equal(env.render(), first)
+    env.close()
+
+
+def test_what_cannot_kick_is_an_error_that_names_it(scene):
+    for robot, says in ((load_robot("arm7"), "arm7"), (scene.member("robot").scene, "kick_scene")):
+        with pytest.raises(ValueError, match=says):
+            Kick(robot)
+    with pytest.raises(ValueError, match="mass"):
+        kick_scene("humanoid", mass=0.0)
+    with pytest.raises(ValueError, match="one robot alone"):
+        Stand(scene)
+
+
+@pytest.mark.long
+def test_robots_of_a_vector_have_the_bits_of_one_alone(scene):
+    """Also in worlds of other balls, and after an episode that has ended by a goal."""
+    worlds = Worlds(9, links={"ball/body.mass": np.linspace(0.1, 0.5, 9)}, pairs={"friction": np.linspace(0.3, 1.0, 9)})
+    envs = KickVector(scene, 9, scale=1.0, duration=3.0, worlds=worlds)
+    env = Kick(worlds.scenes(scene)[4], scale=1.0, duration=3.0)
+    envs.reset(seed=0)
+    env.reset(seed=4)
+    draw = gymnasium.utils.seeding.np_random(4)[0]
+    draw.integers(9)  # the draw by which a single robot chooses its world
+    env._session.reset(state=env._robots.begin(draw))
+    table = postures(scene.member("robot").model.joint_names)
+    ended = False
+    for k in range(150):
+        action = np.array([np.interp(0.02 * (k + 1), TIMES, column) for column in table.T])
+        every = envs.step(np.tile(action, (9, 1)))
+        one = env.step(action)
+        assert np.array_equal(one[0], every[0][4])
+        assert one[1] == every[1][4]
+        if one[2]:
+            ended = True
+            break
+    assert ended
+    assert one[4]["goal"] == every[4]["goal"][4] == 1.0
