@@ -31,6 +31,7 @@ from ..dynamics import Poses, coupling_matrix, deepest_points, forward_dynamics,
 from ..dynamics.jacobians import jacobian_at, link_index
 from ..model import Spring
 from ..model.rest_posture import nearest_posture
+from ..run.overlap import overlaps
 from ..run.reference import Reference
 from ..run.simulate import simulate
 from ..run.start import check_scene, initial_state, placed_position
@@ -144,7 +145,7 @@ def trim(
     Raises
     ------
     ValueError
-        For a floating base without ground, and for links without contacts.
+        For a floating base without ground, for links without contacts, and where bodies of `pairs` touch each other.
 
     Examples
     --------
@@ -169,7 +170,7 @@ def trim(
 def _of_members(scene: CompiledScene, q: Any, contacts: Iterable[str] | None) -> Trim:
     """Return the equilibria of all members in one, their postures one after the other.
 
-    They do not touch each other: each is at rest as it would be alone.
+    They do not touch each other: each is at rest as it would be alone.  Raises ValueError where they do.
     """
     state, given = initial_state(scene), {} if q is None else q
     instance("q", given, Mapping, f"give a dictionary by name, q={{{scene.members[0].name!r}: ...}}")
@@ -186,6 +187,7 @@ def _of_members(scene: CompiledScene, q: Any, contacts: Iterable[str] | None) ->
         own = None if links is None else [name.removeprefix(head) for name in links if name.startswith(head)]
         found.append(trim(member.scene, at, own or None))
         state[state_index(scene, member)] = found[-1].state
+    _check_apart(scene, state)
     faults = ((t.status, f"{member.name}: {t.message}") for member, t in zip(scene.members, found) if not t.ok)
     status, message = next(faults, OK)
     driven = scene.constants.actuator is not None
@@ -203,6 +205,17 @@ def _of_members(scene: CompiledScene, q: Any, contacts: Iterable[str] | None) ->
         status=status,
         message=message,
     )
+
+
+def _check_apart(scene: CompiledScene, state: np.ndarray) -> None:
+    """Raise ValueError where bodies touch each other: their forces are not among those of an equilibrium here."""
+    touching = overlaps(scene, state)
+    if touching:
+        (one, two), _ = touching[0]
+        raise ValueError(
+            f"{scene.model.name}: trim knows no forces between bodies, and {one!r} touches {two!r} there; let them "
+            "come to rest instead: run = simulate(scene, 2.0), and take run.final"
+        )
 
 
 def _places(scene: CompiledScene) -> np.ndarray:

@@ -55,6 +55,7 @@ from ..scene.friction import sticks
 INPUTS = ("reference", "torque", "voltage")
 KINDS = ("coordinates", "controlled")  # of channels that always count
 MEMORY = ("held", "derived")  # of those that count where the next state depends on them
+WHOLE = ("pair", "pair_feature")  # whole numbers of contact between bodies, which stay as they are
 BASE = {"base_q": ("x", "y", "z", "rx", "ry", "rz"), "base_qd": ("vx", "vy", "vz", "wx", "wy", "wz")}
 RTOL = 1e-12  # of an integrator with error control, whose errors differ from run to run
 
@@ -185,7 +186,9 @@ def linearize(
         Channels of `simulate`, at the end of the period.
     states
         Channels of the state.  None: coordinates, currents, rotors, filters and tangential deflections, and what else
-        the next state depends on (integrals, last errors, accelerations of the midpoint rule).
+        the next state depends on (integrals, last errors, accelerations of the midpoint rule).  Between bodies the
+        points that touch stay the same; each bristle, `pair_deflection`, has three numbers in the axes of its second
+        body, and along the normal of the contact the motion has a discontinuity.
     steps
         Number of steps.  None: a controller period, or one step of a scene without controllers.
     rtol
@@ -537,7 +540,8 @@ def _ticks(system: _System) -> np.ndarray:
 def _possible(scene: CompiledScene, inputs: tuple[str, ...]) -> tuple[list[str], list[str]]:
     """Return channels that always count, and those that count if the next state depends on them."""
     there = [c for c in IN_STATE if c.name not in inputs and scene.part(c.name)[1] > scene.part(c.name)[0]]
-    return [c.name for c in there if c.kind in KINDS], [c.name for c in there if c.kind in MEMORY]
+    memory = [c.name for c in there if c.kind in MEMORY and c.name not in WHOLE]
+    return [c.name for c in there if c.kind in KINDS], memory
 
 
 def _channels(system: _System, states: Iterable[str] | None, inputs: tuple[str, ...]) -> list[str]:

@@ -9,6 +9,9 @@ from gymnasium.utils.env_checker import check_env
 
 from featherstone_gait.envs import Kick, KickVector, Stand, kick_scene
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.reference import Reference
+from featherstone_gait.run.session import Session
+from featherstone_gait.run.simulate import simulate
 from featherstone_gait.run.worlds import Worlds
 
 TIMES = np.cumsum([0.0, 0.4, 0.18, 0.16])  # standing, leaning to the left, leg lifted back, kicked [s]
@@ -92,6 +95,32 @@ def test_what_cannot_kick_is_an_error_that_names_it(scene):
         kick_scene("humanoid", mass=0.0)
     with pytest.raises(ValueError, match="one robot alone"):
         Stand(scene)
+
+
+def test_a_session_has_the_bits_of_one_run_and_sees_bodies_that_are_moved_by_hand(scene):
+    """A ball that is put against the foot is pushed, one that is put away is not and forgets its bristle."""
+    table = postures(scene.member("robot").model.joint_names)
+    actions = [[np.interp(0.01 * (k + 1), TIMES, column) for column in table.T] for k in range(80)]
+    session = Session(scene, 1, observe=("base_q", "base_qd", "pair_deflection"))
+    for action in actions:
+        seen = session.step(action)
+    hold = Reference(0.01 * np.arange(80), actions, kind="hold")
+    record = ("base_q", "pair", "pair_force", "pair_normal_force", "pair_gap")
+    run = simulate(scene, 0.8, reference=hold, record=record, estimate_error=False)
+    first, end = scene.part("pair_budget")  # a session looks for pairs that are near at each of its ticks
+    assert np.delete(session.state[0], np.s_[first:end]).tobytes() == np.delete(run.final, np.s_[first:end]).tobytes()
+    assert run.contact("ball", "robot").touching.any()
+    assert run.touched() == (("ball/body", "robot/right_foot"),)
+    place = seen["base_q"].copy()
+    start = session.reset()["base_q"].copy()
+    for way, pushed in ((-0.034, True), (0.2, False)):
+        place[:] = start
+        place[0, 1, 0] += way
+        session.set_state("base_q", place.reshape(1, -1))
+        seen = session.step()
+        assert (seen["base_qd"][0, 1, 0] > 0.01) == pushed
+        assert seen["pair_deflection"].any() == pushed
+    session.close()
 
 
 @pytest.mark.long

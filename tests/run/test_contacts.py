@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
+from featherstone_gait.analysis.equilibrium import trim
+from featherstone_gait.analysis.linearization import linearize
 from featherstone_gait.geometry.body import body
 from featherstone_gait.model import Ground
 from featherstone_gait.model.pair_contact import PairContact
@@ -158,6 +161,19 @@ def test_worlds_differ_in_the_numbers_of_pairs():
         Worlds(2, pairs={"penetration": 1e-3}).scenes(compile_scene(table_and_balls(), None, integrator="ars343"))
     with pytest.raises(ValueError, match="stiffness"):
         Worlds(2, pairs={"stiffness": 1.0})
+
+
+def test_a_linear_model_of_a_box_on_a_table_has_the_stiffness_of_its_contact():
+    """With gravity g and depth p at rest the height obeys z'' = -g / p z - g d z', d of Hunt and Crossley."""
+    depth, h = 5e-4, 1e-3
+    run = simulate(compiled(), 0.5, record=RECORD, estimate_error=False)
+    model = linearize(compiled(), run, inputs=())
+    at = [model.states.index(name) for name in ("base_q box z", "base_qd box vz")]
+    law = np.array([[0.0, 1.0], [-G / depth, -G * 1.4 / np.sqrt(G * depth)]])
+    assert model.A[np.ix_(at, at)] == pytest.approx(expm(h * law), rel=1e-6)
+    assert {one.column.split()[0] for one in model.discontinuities} <= {"pair_deflection"}
+    with pytest.raises(ValueError, match=r"no forces between bodies.*box/body"):
+        trim(compiled())
 
 
 @pytest.mark.long
