@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from ..base.files import complete
 from ..scene.gearbox_kinds import GEARBOX_KINDS
 from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output, robot_of
+from .scenes import add_pairs, compiled, described, scene_in
 
 if TYPE_CHECKING:
     from ..model import Controller, Gearbox, Joint, Model, Servo
@@ -39,12 +40,16 @@ def add(commands: Commands) -> None:
     parser = add_command(commands, run, __doc__, unasked=False)
     add_robot(parser)
     parser.option("--all", "also list links, contact points, and all numbers of joints and servos", False)
+    add_pairs(parser)
 
 
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
     from ..scene.actuator import usual_gearbox
 
+    scene_model = scene_in(args, args.robot)
+    if scene_model is not None:
+        return _told(args, described(scene_model, compiled(args, scene_model), args.all))
     model, _, said = robot_of(args, args.robot)
     suited = usual_gearbox(model)
     kind = gearbox_of(args, suited)
@@ -70,6 +75,11 @@ def run(args: Namespace) -> int:
         lines += table(("contact point on", "position [m]"), points) if points else []
     else:
         lines += ["", "links, contact points, and all numbers of joints and servos: --all"]
+    return _told(args, lines)
+
+
+def _told(args: Namespace, lines: Sequence[str]) -> int:
+    """Print lines, and write them to the file that is asked for; return the exit code."""
     text = "\n".join(lines) + "\n"
     print(text, end="")
     if args.out is not None:

@@ -3,13 +3,15 @@
 One with a fixed base swings freely, or with --servo or --gearbox is pulled to zero; one with a floating base stands on
 the ground.
 
-Writes ROBOT_simulation.npz (recorded channels), .json (status, settings, measures) and .png (motion and plots).
+Writes ROBOT_simulation.npz (recorded channels), .json (status, settings, measures) and .png (motion and plots).  Of a
+scene's file, or with --pairs, all members are simulated from where they stand, and a page, .html, shows them.
 
 Takes a second or two, and the first time that a kind of robot is simulated up to half a minute to compile.
 
   featherstone-gait simulate arm7 --gearbox mipsd
   featherstone-gait simulate humanoid --duration 5 --out standing
   featherstone-gait simulate dog.urdf --base floating --servo generic
+  featherstone-gait simulate bench.toml --pairs all
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ from .arguments import (
     output,
     robot_of,
 )
+from .scenes import add_pairs, scene_in, simulate_scene
 
 if TYPE_CHECKING:
     import numpy as np
@@ -60,6 +63,7 @@ def add(commands: Commands) -> None:
     parser.option("--integrator", integrator, metavar="NAME")
     parser.option("--timestep", "time step [s] (default: chosen, and printed)", type=float, metavar="S")
     parser.option("--rtol", "error allowed in a step (default: chosen for the robot)", type=float, metavar="R")
+    add_pairs(parser)
 
 
 def run(args: Namespace) -> int:
@@ -69,6 +73,9 @@ def run(args: Namespace) -> int:
     from ..scene.compile import compile_scene
     from ..view.style import look
 
+    scene_model = scene_in(args, args.robot)
+    if scene_model is not None:
+        return simulate_scene(args, scene_model)
     model, contacts, said = robot_of(args, args.robot)
     gearbox = gearbox_of(args, usual_gearbox(model) if model.base == "floating" or args.servo else None)
     if gearbox is not None and args.gearbox is None:

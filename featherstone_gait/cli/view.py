@@ -6,6 +6,7 @@ Writes FILE_view.html; with --movie or --gif a movie instead, with --png the fol
   featherstone-gait view dog.urdf --base floating --contacts feet
   featherstone-gait view humanoid_simulation.npz
   featherstone-gait view before.npz after.npz --ghosts
+  featherstone-gait view bench.toml
   featherstone-gait view run.npz --live
   featherstone-gait view run.npz --gif --speed 0.1
   featherstone-gait view run.npz --movie run.mp4
@@ -21,6 +22,7 @@ from pathlib import Path
 
 from ..scene.gearbox_kinds import GEARBOX_KINDS
 from .arguments import Commands, add_command, add_setup, robot_of, telling_extras
+from .scenes import add_pairs, scene_in, show_scene
 
 
 def add(commands: Commands) -> None:
@@ -31,6 +33,7 @@ def add(commands: Commands) -> None:
     parser.option("--robot", "robot of the runs (default: the one that their files name)", metavar="ROBOT")
     parser.option("--locked", "set of joints to lock, named in the robot's TOML file", metavar="SET")
     add_setup(parser, (*GEARBOX_KINDS, "none"))
+    add_pairs(parser)
     caption = "caption of a run; give it once for each run"
     parser.option("--caption", caption, [], action="append", metavar="TEXT")
     plot = "plot this channel below the picture; may be repeated (default: contact_force, else torque, else q)"
@@ -56,6 +59,9 @@ def run(args: Namespace) -> int:
     from ..view.shown import in_posture, show, show_live
 
     saved = [files_of(file)[0].is_file() for file in args.files]
+    scene = scene_in(args, args.files[0]) if len(saved) == 1 and not saved[0] else None
+    if scene is not None:
+        return show_scene(args, scene, Path(args.files[0]).stem)
     if len(saved) == 1 and not saved[0] and Path(args.files[0]).suffix not in (".npz", ".json"):
         model = robot_of(args, args.files[0]).model
         runs, names, robot = [in_posture(model, args.keyframe)], [model.name], model
@@ -67,6 +73,8 @@ def run(args: Namespace) -> int:
                 raise ValueError(f"{file}: is not a saved run; give files of trajectories (.npz), or one robot alone")
         runs = [Trajectory.load(file) for file in args.files]
         names, robot = [Path(file).stem for file in args.files], args.robot
+        if "members" in runs[0].info:
+            return show_scene(args, runs[0], names[0])
         if any((args.base, args.contacts, args.locked, args.servo, args.gearbox)):
             if robot is None:
                 raise ValueError("--base, --contacts, --locked, --servo and --gearbox need a robot; name it (--robot)")
