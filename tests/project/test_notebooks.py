@@ -9,7 +9,7 @@ from nbclient import NotebookClient
 pytestmark = pytest.mark.long
 
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
-VARIES = "varies"  # tag of a cell that prints times, or the machine
+VARIES = "varies"  # tag of a cell that prints times, the machine, or what its linear algebra decides
 
 
 def printed(notebook):
