@@ -139,6 +139,47 @@ def test_a_ball_leaves_a_fixed_one_at_the_angle_of_rigid_bodies(friction, cosine
     assert errors[2] < 0.3 * errors[1]
 
 
+def on_a_drum(angle, turning, inertia, penetration=5e-4, **how):
+    """A ball that rolls at rest, at an angle from the top of a cylinder that turns about its level axis [rad/s]."""
+    links = Link("stand", 1.0), Link("drum", 1.0, inertia=(1.0, 0.0, 0.0, inertia, 0.0, 1.0))
+    shape = Shape("drum", Cylinder(0.1, 0.4), rpy=(math.pi / 2, 0.0, 0.0))
+    axle = Joint("axle", "continuous", "stand", "drum", axis=(0.0, 1.0, 0.0))
+    drum = Placed(Model("drum", links, (axle,), shapes=(shape,)))
+    across = 0.1 + RADIUS - penetration * math.cos(angle)
+    at = (across * math.sin(angle), 0.0, across * math.cos(angle))
+    scene = touching([drum, ball(RADIUS, 1.0, "ball", at)], gravity=DOWN, penetration=penetration, load=1.0, **how)
+    spin = -turning * 0.1 / RADIUS
+    a = Disc(RADIUS, 1.0, 0.4 * RADIUS**2, x=(at[0], at[2]), spin=spin)
+    return scene, a, {"drum": (turning,), "ball": (0.0, 0.0, 0.0, 0.0, spin, 0.0)}
+
+
+@pytest.mark.parametrize("inertia", [0.02, 1e6])
+def test_a_ball_rolls_on_a_cylinder_that_turns_by_the_law(inertia):
+    """A drum that it brakes, and one that it does not."""
+    scene, a, velocities = on_a_drum(0.2, 5.0, inertia)
+    run = run_of(scene, 0.2, velocities, record=("base_q", "base_qd", "q", "qd"))
+    end = planar(a, Disc(0.1, math.inf, inertia, spin=5.0), law_of(scene), 0.2, (0.0, -G))
+    np.testing.assert_allclose(run.of("ball")["base_qd"][-1, [0, 2, 4]], end[2:5], rtol=1e-5, atol=1e-5)
+    assert run["qd"][-1, 0] == pytest.approx(end[9], rel=1e-6)
+
+
+def test_a_ball_rolls_on_a_cylinder_of_steady_speed_as_on_one_at_rest():
+    """Rigid and without slip 7/5 L angle'' = g sin(angle), whatever the speed; the error falls with the penetration."""
+
+    def rates(_, y):
+        return [y[1], 5 / 7 * G / (0.1 + RADIUS) * math.sin(y[0])]
+
+    exact = solve_ivp(rates, (0.0, 0.2), [0.2, 0.0], "DOP853", rtol=1e-12, atol=1e-14).y[0, -1]
+    errors = []
+    for penetration in (5e-4, 5e-5, 5e-6):
+        scene, _, velocities = on_a_drum(0.2, 5.0, 1e9, penetration)
+        x, _, z = run_of(scene, 0.2, velocities).of("ball")["base_q"][-1, :3]
+        errors.append(abs(math.atan2(x, z) - exact))
+    assert errors[0] < 1e-2
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[2] < 0.3 * errors[1]
+
+
 # ---------------------------------------------------------------------------------------------- what rolls
 
 LYING = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)  # the axis of a cylinder along y

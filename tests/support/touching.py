@@ -48,7 +48,9 @@ def run_of(scene, duration, velocities=None, rtol=1e-10, record=CHANNELS, **opti
     """Simulate from the members' places, with error control if the integrator has it; ask that the run is ok."""
     if scene.integrator not in FIXED_STEPS:
         options["rtol"] = rtol
-    state = initial_state(scene, None, {name: [*v, *[0.0] * (6 - len(v))] for name, v in (velocities or {}).items()})
+    size = {member.name: member.model.nv for member in scene.members}
+    given = {name: [*v, *[0.0] * (size[name] - len(v))] for name, v in (velocities or {}).items()}
+    state = initial_state(scene, None, given)
     run = simulate(scene, duration, state, record=record, estimate_error=False, **options)
     assert run.status == "ok", run.message
     return run

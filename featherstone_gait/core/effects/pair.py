@@ -529,10 +529,11 @@ def pair_rates(pairs, step, dy):
         m1 = select(slips, -(f[0] + kt * z[0]) / dt, u[1])  # what slips keeps -kt z - dt dz/dt at the force
         m2 = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
         zero = 0.0 * fn
-        t, s = load3(C, c, AXES + 3), load3(C, c, AXES + 6)
-        m = rotate_back(_frame_b(pair, W), add(scale(t, m1), scale(s, m2)))
-        for k in range(3):
-            dy[o.pair_deflection + 3 * c + k] = select(on, m[k], zero)
+        C[c, FK + 1], C[c, FK + 2] = m1, m2
+        m = _turned_rate(rotate(_frame_b(pair, W), _deflection(y, o, c)), z, m1, m2, c, C)
+        m = rotate_back(_frame_b(pair, W), m)
+        for k in range(3):  # what does not push lets its bristle go
+            dy[o.pair_deflection + 3 * c + k] = select(C[c, ON] > 0.0, m[k], zero)
         f = (select(on, fn, zero), select(on, f[0], zero), select(on, f[1], zero))
         dy[o.pair_work] += dot(f, u)
         _record(pair, step, c, f)
@@ -541,6 +542,39 @@ def pair_rates(pairs, step, dy):
             _press(pair.row_a, on, load3(C, c, XP), force, W)
             if pair.row_b > 0:
                 _press(pair.row_b, on, load3(C, c, XB), scale(force, -1.0), W)
+
+
+@inline
+def _turned_rate(m, z, m1, m2, c, C):
+    """Return dm/dt of a bristle m (3) that has left the tangent plane, in which z (2) of its length changes by m1, m2.
+
+    Along m as z along itself, and across as much less as m is longer than its part in the plane.
+    """
+    t, s = load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+    size, part = sqrt(z[0] * z[0] + z[1] * z[1]), sqrt(dot(t, m) * dot(t, m) + dot(s, m) * dot(s, m))
+    long, one = size > LEAST, 1.0 + 0.0 * size
+    by = select(long, size, one)
+    along = select(long, (z[0] * m1 + z[1] * m2) / by, 0.0 * size)
+    less = select(long, part / by, one)
+    across = (less * (m1 - along * (z[0] / by)), less * (m2 - along * (z[1] / by)))
+    return add(scale(m, along / by), add(scale(t, across[0]), scale(s, across[1])))
+
+
+@if_present()
+def flatten_bristles(pairs, scratch, offsets, y, dy):
+    """Turn bristles and their rates into the tangent planes, at the state whose rates have just been found.
+
+    Between steps the planes turn in the bodies; a bristle far out of its plane would be turned the other way.
+    """
+    pool, W, C = scratch.pool, scratch.W, scratch.pool.C
+    for c in range(pool.count[0]):
+        pair, on, z, at = pairs.pairs[pool.pair[c]], C[c, ON] > 0.0, bristle(C, c), offsets.pair_deflection + 3 * c
+        t, s, frame = load3(C, c, AXES + 3), load3(C, c, AXES + 6), _frame_b(pair, W)
+        m = rotate_back(frame, add(scale(t, z[0]), scale(s, z[1])))
+        rate = rotate_back(frame, add(scale(t, C[c, FK + 1]), scale(s, C[c, FK + 2])))
+        for k in range(3):
+            y[at + k] = select(on, m[k], y[at + k])
+            dy[at + k] = select(on, rate[k], dy[at + k])
 
 
 @inline

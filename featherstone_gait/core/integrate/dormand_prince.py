@@ -12,9 +12,11 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import sqrt
+from ..compile.optional import if_present
 from ..compile.structure import structure
 from ..effects.actuator import motor_of
 from ..effects.energies import ENERGIES, METER
+from ..effects.pair import flatten_bristles
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.derivative import derivative
 from ..step.pace import EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
@@ -90,9 +92,22 @@ def _evaluate(first, last, run, y, t, h):
 @begin_interval.of(DormandPrince)
 def _renew_slope(work, run, y, t):
     """Evaluate the slope at the start of the next step, after an event."""
+    _renew(run, y, t)
+
+
+@inline
+def _renew(run, y, t):
     _evaluate(SPARE, SPARE, run, y, t, 0.0)
     for i in range(run.offsets[0].after_integrated):
-        work.stages[END, i] = work.stages[SPARE, i]
+        run.work.stages[END, i] = run.work.stages[SPARE, i]
+
+
+@if_present()
+def _flatten(pairs, run, y, t):
+    """Turn bristles into the planes in which bodies touch, and find the slope at y again."""
+    if run.work.scratch.pool.count[0] > 0:
+        _renew(run, y, t)
+        flatten_bristles(pairs, run.work.scratch, run.offsets[0], y, run.work.stages[END])
 
 
 @take_adaptive_step.of(DormandPrince)
@@ -101,6 +116,7 @@ def dop853(work, run, y, t, length):
     stages, pace, n = work.stages, work.pace, run.offsets[0].after_integrated
     rejected = False
     start = stages[START]
+    _flatten(run.scene.pairs, run, y, t)
     for i in range(n):
         start[i] = y[i]
         stages[0, i] = stages[END, i]

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.structure import structure
+from ..effects.pair import flatten_bristles
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.derivative import derivative
 from ..step.signals import inputs_over_step
@@ -38,11 +39,11 @@ def rk4_step(work, run, y, t, theta):
     """Take one step; theta plays no part."""
     start, slope, total = work.stages[0], work.stages[1], work.stages[2]
     h, n = run.plan.h, run.offsets[0].after_integrated
-    for i in range(n):
-        start[i] = y[i]
     for k in range(4):
         inputs_over_step(run.signals, t, h, t + 0.5 * h * ((k + 1) // 2))
         _evaluate(run, y, t, slope)
+        if k == 0:
+            flatten_bristles(run.scene.pairs, run.work.scratch, run.offsets[0], y, slope)
         weight = 1.0
         if k == 1 or k == 2:
             weight = 2.0
@@ -51,7 +52,7 @@ def rk4_step(work, run, y, t, theta):
             stage_step = h
         for i in range(n):
             if k == 0:
-                total[i] = slope[i]
+                start[i], total[i] = y[i], slope[i]
             else:
                 total[i] = total[i] + weight * slope[i]
             y[i] = start[i] + stage_step * slope[i]
