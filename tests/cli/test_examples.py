@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from test_cli import quadruped
+from test_scenes import FILE
 
 from featherstone_gait import cli
 from featherstone_gait.benchmark import precision, speed
@@ -52,6 +53,7 @@ def folder(tmp_path_factory):
     (folder / "notebooks").mkdir()
     for name in ("FILE.toml", "notebooks/stability_study.toml", "notebooks/unit_study.toml"):
         (folder / name).write_text(STUDY)
+    (folder / "bench.toml").write_text(FILE.format(pairs='"none"'), "utf-8")
     return folder
 
 
