@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from featherstone_gait.core.compile import jit, progress
-from featherstone_gait.core.compile.jit import ENTRY, JIT, entry, inline, kernel
+from featherstone_gait.core.compile.jit import ENTRY, JIT, apart, entry, inline, kernel
 
 pytestmark = pytest.mark.skipif(
     not JIT or "pipeline_class" not in ENTRY, reason="is about what compiler.py makes"
@@ -69,6 +69,31 @@ def entry_of_its_own():
 def test_kernel_called_with_numbers_is_compiled_once():
     entry_of_its_own()
     assert len(_sum.signatures) == len(_weight.signatures) == 1
+
+
+@apart
+def _doubled(x, twice):
+    return x + x if twice else x
+
+
+@inline
+def _first(x, out):
+    if x is None:
+        return _sum(out, out)  # no number: would not compile
+    return _doubled(x[0], True) + _doubled(x[1], False)
+
+
+def _of_what_is_there(x, out):
+    out[0] = _first(x, out)
+
+
+def test_what_stands_for_an_absent_argument_is_left_out_and_what_is_apart_is_not_merged():
+    whole, out = numba.njit(_of_what_is_there, **ENTRY), np.zeros(1)
+    whole(np.array([2.0, 3.0]), out)
+    assert out[0] == 7.0
+    assert len(_doubled.signatures) == 1
+    (code,) = whole.inspect_llvm().values()
+    assert [line for line in code.splitlines() if line.startswith("define") and "_doubled" in line]
 
 
 def test_functions_of_others_call_kernels_with_all_that_these_call():

@@ -12,7 +12,9 @@ result of 0.2 s, and of a step; Numba 0.68.1, a shared EPYC):
   Numba compiles as usual may call a kernel, but none that returns an array: it would give back what nobody took.)
 - A function that only kernels call is no program: it is optimized where it is linked into an entry, with all the rest,
   and no machine code is made of it alone.
-- A kernel that is called with 0 and with 3 is compiled once, for an integer.
+- A kernel that is called with 0 and with 3 is compiled once, for an integer; one called with True and False as well.
+- What comes after `x is None` is left out where x is an argument that is there.  Numba leaves out what comes after
+  `x is not None` where it is None, and would compile a step of one tree into scenes of several.
 - The hash of a function's options, the size of a type and the signature of an operator on numbers are kept, which Numba
   works out anew at each call.  Passes for what no kernel has (closures, array expressions) are left out.
 
@@ -27,10 +29,11 @@ from contextlib import contextmanager
 
 from llvmlite import binding as llvm
 from numba import _dynfunc
-from numba.core import typed_passes, types, untyped_passes
+from numba.core import ir, typed_passes, types, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, Flags
 from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
+from numba.core.ir_utils import get_definition, guard
 from numba.core.typed_passes import NopythonTypeInference
 
 from .progress import current
@@ -40,8 +43,14 @@ from .structure import never_written, size_of
 class _Library(JITCodeLibrary):
     """Code that LLVM optimizes after it has been linked, not function by function."""
 
+    apart = False  # True: never merged into what calls it
+
     def add_ir_module(self, ir_module):
         never_written(ir_module, self.codegen.target_data)
+        for function in ir_module.functions if self.apart else ():
+            if not function.is_declaration:
+                function.attributes.discard("alwaysinline")  # which Numba gives to all that a merged function calls
+                function.attributes.add("noinline")
         super().add_ir_module(ir_module)
 
     def _optimize_functions(self, module):
@@ -122,16 +131,43 @@ class _BeforeLowering(FunctionPass):
         context.get_abi_sizeof = functools.partial(size_of, context.target_data)
         kind = Part if state.flags.no_cpython_wrapper else Whole
         state.library = kind(context.codegen(), state.func_id.func_qualname)
+        state.library.apart = hasattr(state.func_id.func, "apart")
         state.library.enable_object_caching()
         if kind is Part:
             context.get_executable = _no_executable
         return False
 
 
+@register_pass(mutates_CFG=False, analysis_only=False)
+class _WhatIsThere(FunctionPass):
+    """Decide `x is None` for an argument that is there; Numba's own pass decides it for one that is None alone."""
+
+    _name = "what_is_there"
+
+    def __init__(self):
+        FunctionPass.__init__(self)
+
+    def run_pass(self, state):
+        """Put constants in the place of comparisons, by which the next pass leaves out what is not reached."""
+        code, changed = state.func_ir, False
+        for block in code.blocks.values():
+            for assign in block.find_insts(ir.Assign):
+                test = assign.value
+                if isinstance(test, ir.Expr) and test.op == "binop" and test.fn in (operator.is_, operator.is_not):
+                    x, none = (guard(get_definition, code, each) for each in (test.lhs, test.rhs))
+                    if isinstance(x, ir.Arg) and isinstance(none, ir.Const) and none.value is None:
+                        if not isinstance(state.args[x.index], types.NoneType | types.Optional | types.Omitted):
+                            assign.value = ir.Const(test.fn is operator.is_not, test.loc)
+                            code._definitions[assign.target.name] = [assign.value]
+                            changed = True
+        return changed
+
+
 PASSES = (  # those of Numba's DefaultPassBuilder that kernels need
     untyped_passes.TranslateByteCode,
     untyped_passes.FixupArgs,
     untyped_passes.IRProcessing,
+    _WhatIsThere,
     untyped_passes.DeadBranchPrune,
     untyped_passes.GenericRewrites,
     untyped_passes.ReconstructSSA,
@@ -181,7 +217,7 @@ class _Flags(Flags):
 
 
 def of_any_integer(dispatcher):
-    """Let the calls of a kernel with numbers that are known be calls with an integer."""
+    """Let the calls of a kernel with numbers that are known be calls with an integer, or a truth value."""
     template = dispatcher.get_call_template
 
     def get_call_template(args, kws):
@@ -192,7 +228,7 @@ def of_any_integer(dispatcher):
 
 
 def _plain(kind):
-    return types.unliteral(kind) if isinstance(kind, types.IntegerLiteral) else kind
+    return types.unliteral(kind) if isinstance(kind, types.IntegerLiteral | types.BooleanLiteral) else kind
 
 
 @contextmanager

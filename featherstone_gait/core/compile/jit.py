@@ -1,7 +1,8 @@
-"""Compilation of the kernels: the three decorators, the pipeline and the cache.
+"""Compilation of the kernels: the four decorators, the pipeline and the cache.
 
 `kernel` marks a function that is only called by other kernels, `inline` a small one that is merged into its caller,
-`entry` one that Python calls: it is cached on disk (with everything it calls) and releases the GIL.
+`apart` a large one that never is, `entry` one that Python calls: it is cached on disk (with everything it calls) and
+releases the GIL.
 
 compiler.py has the passes.  With `FEATHERSTONE_GAIT_COMPILER=plain`, and where a new Numba lacks what compiler.py
 changes, Numba's own pipeline takes their place.
@@ -158,6 +159,16 @@ def inline(function):
     What works on tuples must be: passed through memory, 24 links cost 1.7 times as much in lanes.
     """
     return _inner(function, INLINE)
+
+
+def apart(function):
+    """Compile `function` as `kernel` does, but keep it out of its caller.
+
+    Numba merges whatever a merged function calls, so that a step becomes one function, for which LLVM takes longer than
+    for its parts.
+    """
+    function.apart = True
+    return _inner(function, INNER)
 
 
 def callable_from_compiled(function):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import inline, kernel
+from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import any_lane, flat, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.outside import call_entry
@@ -149,7 +149,7 @@ OLD = 6  # columns of `Pool.old`
 # ---------------------------------------------------------------------------------------------- place
 
 
-@kernel
+@apart
 def place_pairs(pairs, predicted, step, lookahead_time):
     """Fill position, axes, penetration and predicted velocity of the points of all pairs in the pool.
 
@@ -509,7 +509,7 @@ def _record(pair, step, c, f):
 # ---------------------------------------------------------------------------------------------- as an equation
 
 
-@kernel
+@apart
 def pair_rates(pairs, step, dy):
     """Fill forces and rates of the bristles of all pairs, and add the forces to the contact rows of the bodies."""
     y, o, pool, C, W = step.y, step.offsets, step.pool, step.pool.C, step.W

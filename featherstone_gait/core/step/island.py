@@ -14,7 +14,7 @@ the trees that touch in any of them; those that do not touch in one lane have la
 bits of a lane do not depend on its neighbors.
 """
 
-from ..compile.jit import inline, kernel
+from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import any_lane, select, sqrt, width_of
 from ..compile.optional import any_present
 from ..effects.actuator import rotor_of
@@ -90,7 +90,7 @@ def lookahead(predicted, h):
 # ---------------------------------------------------------------------------------------------- who touches whom
 
 
-@kernel
+@apart
 def find_islands(pairs, step):
     """Sort trees and points at work by island: sets of trees that touch in any lane."""
     pool, count = step.pool, len(step.scene.trees)
@@ -189,7 +189,7 @@ def _share(n, values, step):
 # ---------------------------------------------------------------------------------------------- Newton's iteration
 
 
-@kernel
+@apart
 def _solve_island(n, rotor, contact, pairs, step):
     """Iterate by Newton's method, all trees of the island together."""
     pool, y, counter = step.pool, step.y, step.offsets.newton_iterations
@@ -277,7 +277,7 @@ def _compare(n, rotor, contact, pairs, step):
     _share(n, pool.slope, step)
 
 
-@kernel
+@apart
 def _line_search(n, rotor, contact, pairs, step):
     """Fill the fraction of the pass at which the descent of each tree ends, by bisection, where it rises at the end."""
     pool, trees, zero = step.pool, step.scene.trees, 0.0 * step.y[step.offsets.newton_iterations]
@@ -325,7 +325,7 @@ def _advance(n, rotor, contact, pairs, step):
 # ---------------------------------------------------------------------------------------------- rows
 
 
-@kernel
+@apart
 def _solve_rows(n, pairs, step):
     """Find the forces of the points between bodies that can move, and let them act on the trees' solutions."""
     pool, count = step.pool, 0
