@@ -77,7 +77,14 @@ def classify(scene: CompiledScene, end: float, y: np.ndarray) -> Outcome:
     wrong = beyond_stability(scene) or _unresolved_stop(scene, y) or _chatter(scene, y)
     missed = y[scene.part("newton_iterations")[0] + 1]
     if wrong is None and missed > 0:
-        wrong = Outcome(Status.NOT_CONVERGED, f"{missed:.0f} implicit steps missed their tolerance")
+        message = f"{missed:.0f} implicit steps missed their tolerance"
+        if scene.method.explicit and not scene.adaptive:
+            message = (
+                f"bodies moved by more than the thinner ones measure in a step of {scene.timestep:g} s of "
+                f"{scene.integrator}, which does not look ahead, so that they may have jumped over each other: use a "
+                "smaller timestep, or an integrator with error control or implicit steps"
+            )
+        wrong = Outcome(Status.NOT_CONVERGED, message)
     return Outcome(Status.OK, "", end) if wrong is None else wrong._replace(end_time=end)
 
 

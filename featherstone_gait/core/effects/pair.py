@@ -17,7 +17,7 @@ from ..compile.lanes import any_lane, flat, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.outside import call_entry
 from ..compile.structure import record, structure
-from ..tree.distance import Shapes
+from ..tree.distance import HALF_SPACE, Shapes
 from ..tree.forest import joint_count
 from ..tree.layout import SF, TOUCH, P, R, U, V
 from ..tree.rigid_body import center_velocity
@@ -143,6 +143,7 @@ COLUMNS = FACTOR + 4
 FAR = 1e9  # [m]
 FULL = 5.0  # status of a run in which more touches than there is room for
 LEAST = 1e-150  # length of a bristle below which it is none [m]
+STRETCH = 2.0  # most by which a bristle is made longer that leaves the tangent plane: it is turned by up to 60 degrees
 OLD = 6  # columns of `Pool.old`
 
 
@@ -242,10 +243,15 @@ def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
         origin = base_position(predicted, step, pair.tree_a, lane, width)
         shift = sub(base_position(predicted, step, pair.tree_b, lane, width), origin)
     h = flat(pool.C)[(c * COLUMNS + U0) * width + lane]
-    far = _way(pair, (a, b), (ra, rb), h, step, lane, width) + pairs.margin
+    ahead = h > 0.0
+    way = _way(pair, (a, b), (ra, rb), h if ahead else step.span, step, lane, width)
+    far = way + pairs.margin if ahead else pairs.margin
     rb = add(rb, shift)
+    gap = gap_at_least(a, b, Ea, Eb, sub(ra, rb), max(far, way))
+    if not ahead and gap < 0.5 * way and 0.5 * way > _thickness(a, b):
+        flat(step.y)[(step.offsets.newton_iterations + 1) * width + lane] += 1.0
     found = 0
-    if gap_at_least(a, b, Ea, Eb, sub(ra, rb), far) < far:
+    if gap < far:
         poses = pool.poses
         store9(poses, 0, 0, Ea)
         store3(poses, 0, 9, ra)
@@ -280,6 +286,15 @@ def _way(pair, shapes, centers, h, step, lane, width):
 
 
 SUDDEN = 100.0  # acceleration for which there is room [m/s^2]
+
+
+@inline
+def _thickness(a, b):
+    """Return the way [m] on which no body that moves with a fixed explicit step passes the middle of another."""
+    if b.kind == HALF_SPACE:
+        return FAR
+    least_a = min(a.extent[0], min(a.extent[1], a.extent[2]))
+    return least_a + min(b.extent[0], min(b.extent[1], b.extent[2]))
 
 
 @inline
@@ -372,7 +387,8 @@ def _finish(pair, step, c, lookahead_time, margin):
     z = rotate(_frame_b(pair, W), _deflection(y, o, c))
     size, z1, z2 = sqrt(dot(z, z)), dot(t, z), dot(s, z)
     flat_size = sqrt(z1 * z1 + z2 * z2)
-    ratio = select(flat_size > LEAST, size / select(flat_size > LEAST, flat_size, 1.0 + zero), 1.0 + zero)
+    turns = STRETCH * flat_size > size
+    ratio = select(turns, size / select(turns, flat_size, 1.0 + zero), STRETCH + zero)
     C[c, Z] = select(near, z1 * ratio, zero)
     C[c, Z + 1] = select(near, z2 * ratio, zero)
     predicted_force, _ = normal_force(pair, C[c, DEPTH], u[0], h)

@@ -26,6 +26,7 @@ from ..tree.spatial import add, compose, load9, sub, vector
 
 SPENDING = 8.0  # times what a step may spend: the radius of the pool
 LONGEST = 2e-2  # [s] for which a pool is renewed; steps with error control may be longer where nothing is near
+SHORTEST = 1e-6  # step [s] that is tried before a pool is said to be too small
 SEEN = 4.0  # times the resting depth
 KEPT = 6  # numbers of a slot that move with its pair: pair, feature, bristle, normal force
 
@@ -44,6 +45,7 @@ def renew_pool(pairs, run, y, h, begins):
     o = run.offsets[0]
     fits, cost = True, spending(run, y, h)
     if begins or any_lane(y[o.pair_budget] < 2.0 * cost):
+        _keep(run, y)
         fits = _renew_for(pairs, run, y, h)
     y[o.pair_budget] = y[o.pair_budget] - cost
     return fits
@@ -53,13 +55,16 @@ def renew_pool(pairs, run, y, h, begins):
 def longest_step(pairs, run, y, h, ahead):
     """Return how long a step may be [s], at most h, for which the budget reaches; the pool is renewed if need be.
 
-    Returns -1 where the pool has not enough slots.  ahead None: the method sees no contact before it is there, so that
-    while any pair is near no shape may move by more than some depths at which a contact rests.
+    Returns -1 where the pool has not enough slots for any step.  ahead None: the method sees no contact before it is
+    there, so that while any pair is near no shape may move by more than some depths at which a contact rests.
     """
     o = run.offsets[0]
     if y[o.pair_budget] < 2.0 * spending(run, y, h):
-        if not _renew_for(pairs, run, y, h):
-            return -1.0
+        _keep(run, y)
+        while not _renew_for(pairs, run, y, h):
+            h = 0.5 * h
+            if h < SHORTEST:
+                return -1.0
     while y[o.pair_budget] < 2.0 * spending(run, y, h):
         h = 0.5 * h
     return _before_contact(ahead, pairs, run, y, h)
@@ -107,19 +112,27 @@ def _renew_for(pairs, run, y, h):
 
 
 @kernel
-def _renew(pairs, run, y, radius):
-    """Give the pairs within the radius [m] their slots, and set the budget; return whether there are enough."""
-    scene, o, width = run.scene, run.offsets[0], width_of(y)
-    frames, kept = run.renewal.frames, run.renewal.kept
-    slots, used, fits = len(kept), 0, True
+def _keep(run, y):
+    """Find all poses, and copy what the slots hold."""
+    scene, o, kept = run.scene, run.offsets[0], run.renewal.kept
     n = scene.trees[len(scene.trees) - 1].end_joint
     for k in range(len(scene.trees)):
-        pose_pass(scene.tree, scene.trees[k], base_of(True, scene.trees[k], y, o.base_q, 7), y[o.q : o.q + n], frames)
-    for c in range(slots):
+        base = base_of(True, scene.trees[k], y, o.base_q, 7)
+        pose_pass(scene.tree, scene.trees[k], base, y[o.q : o.q + n], run.renewal.frames)
+    for c in range(len(kept)):
         kept[c, 0], kept[c, 1] = y[o.pair + c], y[o.pair_feature + c]
         for k in range(3):
             kept[c, 2 + k] = y[o.pair_deflection + 3 * c + k]
         kept[c, 5] = y[o.pair_normal_force + c]
+
+
+@kernel
+def _renew(pairs, run, y, radius):
+    """Give the pairs within the radius [m] their slots, and set the budget; return whether there are enough."""
+    o, width = run.offsets[0], width_of(y)
+    frames, kept = run.renewal.frames, run.renewal.kept
+    slots, used, fits = len(kept), 0, True
+    for c in range(slots):
         y[o.pair + c] = 0.0
         y[o.pair_feature + c] = 0.0
         y[o.pair_normal_force + c] = 0.0
