@@ -30,7 +30,7 @@ from ..run.classify import to_trajectory
 from ..run.prepare import prepare, with_tolerance
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
-from ..run.trajectory import Trajectory, positions
+from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 
 Setting = tuple[str, float]  # an integrator, and its step [s] or its tolerance
@@ -157,16 +157,26 @@ class Run:
 # ---------------------------------------------------------------------------------------------- errors
 
 
+def positions(run: Trajectory) -> np.ndarray:
+    """Return positions (samples, nq) of all bases, then of all joints."""
+    return np.hstack([run["base_q"].reshape(len(run["q"]), -1), run["q"]]) if "base_q" in run else run["q"]
+
+
 def separations(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return differences of positions (samples, nq): joints and base rotation [rad], and base position [m] or NaN."""
-    base = 7 * (model.base == "floating")
-    joints = np.abs(q[:, base:] - exact[:, base:]).max(axis=1, initial=0.0)
-    if not base:
+    """Return differences of positions (samples, nq): joints and base rotation [rad], and base position [m] or NaN.
+
+    Of several bases the largest counts.
+    """
+    bases = q.shape[1] - len(model.moving_joints)
+    joints = np.abs(q[:, bases:] - exact[:, bases:]).max(axis=1, initial=0.0)
+    if not bases:
         return joints, np.full(len(q), math.nan)
-    a, b = q[:, 3:7], exact[:, 3:7]
-    axis = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
-    turn = 2.0 * np.arctan2(np.linalg.norm(axis, axis=1), np.abs((a * b).sum(axis=1)))
-    return np.maximum(joints, turn), np.linalg.norm(q[:, :3] - exact[:, :3], axis=1)
+    at, truly = (one[:, :bases].reshape(len(q), -1, 7) for one in (q, exact))
+    a, b = at[..., 3:], truly[..., 3:]
+    axis = a[..., :1] * b[..., 1:] - b[..., :1] * a[..., 1:] - np.cross(a[..., 1:], b[..., 1:])
+    turn = 2.0 * np.arctan2(np.linalg.norm(axis, axis=2), np.abs((a * b).sum(axis=2)))
+    shift = np.linalg.norm(at[..., :3] - truly[..., :3], axis=2)
+    return np.maximum(joints, turn.max(axis=1)), shift.max(axis=1)
 
 
 def deviation(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[float, float]:
@@ -182,13 +192,14 @@ def distances(scene: CompiledScene, q: np.ndarray, exact: np.ndarray) -> np.ndar
 
 def estimate_of(run: Trajectory) -> np.ndarray:
     """Return the largest position error that a run estimates (samples,), NaN where it estimates none."""
-    stated = [run.error[name] for name in ("base_q", "q") if run.error and name in run.error]
-    return np.hstack(stated).max(axis=1, initial=0.0) if stated else np.full(len(run["time"]), math.nan)
+    samples = len(run["time"])
+    stated = [run.error[name].reshape(samples, -1) for name in ("base_q", "q") if run.error and name in run.error]
+    return np.hstack(stated).max(axis=1, initial=0.0) if stated else np.full(samples, math.nan)
 
 
 def velocities(run: Trajectory) -> np.ndarray:
     """Return velocities (samples, nv)."""
-    return np.hstack([run["base_qd"], run["qd"]]) if "base_qd" in run else run["qd"]
+    return np.hstack([run["base_qd"].reshape(len(run["qd"]), -1), run["qd"]]) if "base_qd" in run else run["qd"]
 
 
 # ---------------------------------------------------------------------------------------------- references
@@ -282,9 +293,10 @@ def digest(case: Case) -> str:
     parts = [case.state[slice(*place)].tolist() for name, place in sorted(scene.parts.items()) if name in STARTING]
     r = case.reference
     signal = r and (r.times, r.values, r.kind, r.cyclic)
+    company = (scene.obstacles, scene.excluded, scene.options.pairs) if scene.pairs else ()
     with np.printoptions(threshold=sys.maxsize, precision=17):
         text = in_full(
-            (__version__, scene.model, chosen, scene.constants.push, parts, signal, case.duration, case.every)
+            (__version__, scene.model, chosen, scene.constants.push, parts, signal, case.duration, case.every, *company)
         )
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 

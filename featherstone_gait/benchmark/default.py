@@ -30,10 +30,10 @@ import numpy as np
 
 from ..base.progress import progress_bar
 from ..run.error_estimate import SPEED_LIMIT
-from ..run.trajectory import Trajectory, positions
+from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from ..view.style import BLUE, COLORS, ORANGE, look, subplots
-from .case import Case, Truth, Worker, at_most, cache_folder, distances, estimate_of, truth, velocities
+from .case import Case, Truth, Worker, at_most, cache_folder, distances, estimate_of, positions, truth, velocities
 from .default_scenes import cases
 from .engines import peer_run
 from .table import machine, print_table, save_figure, write_table
@@ -123,8 +123,10 @@ def run(
 
 
 def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Row]]:
-    """Judge the default, and the integrators by name."""
+    """Judge the default, and where one robot is alone the integrators by name, version 0.1 and MuJoCo too."""
     row = _row(case, exact, case.scene, worker, WRONG)
+    if case.scene.members:
+        return row, []
     named = [_row(case, exact, case.by(name), worker, SILENT) for name in NAMED]
     plain = worker.call(plain_time, case)
     peer = worker.call(peer_run, case, exact) or (math.nan, math.nan)

@@ -23,6 +23,7 @@ from ..scene.actuator import GearboxKind
 from ..scene.compile import CompiledScene, compile_scene
 from ..scene.tree import GRAVITY, followed
 from .case import Case, case_of
+from .pair_scenes import pair_cases
 from .robots import folders, published
 from .scenes import CENTER, NO_FALL, ball, box, humanoids, problems, stressed, unlimited
 
@@ -44,6 +45,7 @@ def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: lis
     places, skipped = folders() if robots is None else robots, [] if skipped is None else skipped
     yield from chain(servo_cases(), step_cases(), friction_cases(), firmware_cases(), free_cases())
     yield from chain(humanoid_cases(full), company_cases(), known_cases(), long_cases() if full else ())
+    yield from pair_cases(skipped)
     yield from robot_cases(full, places, skipped)
 
 

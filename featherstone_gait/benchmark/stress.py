@@ -24,9 +24,8 @@ import numpy as np
 
 from ..base.progress import progress_bar
 from ..core.integrate import INTEGRATORS
-from ..run.trajectory import positions
 from ..view.style import look, subplots
-from .case import Case, agreed, distances, estimate_of
+from .case import Case, agreed, distances, estimate_of, positions
 from .scenes import stressed
 from .table import machine, save_figure, tabulate
 

@@ -11,9 +11,11 @@ from test_cli import SLIDER
 
 from featherstone_gait import compile_scene, load_robot
 from featherstone_gait.benchmark import case as truth
-from featherstone_gait.benchmark import default, default_scenes
+from featherstone_gait.benchmark import default, default_scenes, pair_scenes
 from featherstone_gait.benchmark.case import Worker, at_most
 from featherstone_gait.benchmark.robots import published
+from featherstone_gait.benchmark.scenes import ball
+from featherstone_gait.model.placed import Placed
 
 
 class Here:
@@ -104,6 +106,36 @@ def test_distances_are_of_turn_place_and_joints():
     q[2, :2] = 0.3, 0.4
     q[3, 9] = -0.2
     assert truth.distances(scene, q, exact) == pytest.approx([0.0, 3.0, 0.5, 0.2])
+
+
+def test_distances_are_those_of_the_base_that_is_farthest_off():
+    scene = compile_scene([Placed(load_robot("arm7"), "arm"), Placed(ball(), "ball"), Placed(ball(), "other")])
+    exact = np.zeros((3, 21 + 7))
+    exact[:, 3:21:7] = 1.0
+    q = exact.copy()
+    q[0, [7, 15]] = 0.3, 0.2
+    q[1, 17:21] = math.cos(0.5), 0.0, math.sin(0.5), 0.0
+    q[2, 24] = 0.1
+    assert truth.distances(scene, q, exact) == pytest.approx([0.3, 1.0, 0.1])
+
+
+@pytest.mark.long
+def test_bodies_that_touch_are_judged_by_the_places_of_all(tmp_path):
+    case = next(pair_scenes.collisions())
+    row, _ = default.judged(case, truth.truth(case, Here(), tmp_path), Here())
+    assert (row.verdict, row.status) == ("held", "ok")
+    assert 1e-9 < row.error < 1e-3
+
+
+@pytest.mark.long
+def test_a_third_of_the_scenes_that_touch_are_of_others():
+    for name in ("pybullet_data", "dm_control", "gymnasium"):
+        pytest.importorskip(name)
+    skipped = []
+    kinds = [case.kind for case in pair_scenes.pair_cases(skipped)]
+    assert skipped == []
+    assert len(kinds) >= 60
+    assert 3 * kinds.count(pair_scenes.OTHERS) >= len(kinds)
 
 
 def test_errors_count_only_while_the_reference_is_known(wheel):
