@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..base.arguments import instance, real
-from ..model import LARGEST, Base, Link, Model
+from ..model import LARGEST, Base, HeightField, Link, Model
 from ..model.checks import check, choice_flaws, name_flaws, vector_flaws
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
 from .contact_choice import with_contacts
@@ -32,8 +32,8 @@ def body(
 
     Parameters
     ----------
-    shape : Sphere, Capsule, Cylinder, Box, Hull or Mesh
-        The shape.
+    shape : Sphere, Capsule, Cylinder, Box, Hull, Mesh or HeightField
+        The shape; a height field has a fixed base.
     mass : float
         Mass [kg]; above 0 for a floating base.
     name : str, optional
@@ -64,12 +64,14 @@ def body(
     >>> body(Box((0.1, 0.1, 0.1)), mass=0.2, name="cube")
     <robot cube: floating base, 0.2 kg, 8 contact points, 1 shapes>
     """
-    kinds = (Sphere, Capsule, Cylinder, Box, Mesh, Hull)
-    instance("body: shape", shape, kinds, "give a Sphere, Capsule, Cylinder, Box, Mesh or Hull")
+    kinds = (Sphere, Capsule, Cylinder, Box, Mesh, Hull, HeightField)
+    instance("body: shape", shape, kinds, "give a Sphere, Capsule, Cylinder, Box, Mesh, Hull or HeightField")
     check(name_flaws("body", name), choice_flaws(f"body {name!r}", "base", base, ("floating", "fixed")))
     mass = real(f"body {name!r}: mass", mass, 0.0, LARGEST, "give its mass [kg]")
     if base == "floating" and not mass > 0:
         raise ValueError(f"body {name!r}: mass is {mass!r} kg; what moves has one > 0: give mass=, or base='fixed'")
+    if base == "floating" and isinstance(shape, HeightField):
+        raise ValueError(f"body {name!r}: a height field is an obstacle, and has no mass: give base='fixed'")
     solid = solid_of(shape)
     if base == "floating" and inertia is None and not solid.volume > 0:
         raise ValueError(

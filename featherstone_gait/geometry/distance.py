@@ -26,6 +26,7 @@ from ..core.compile.elementary import SINCOS_LIMIT
 from ..core.tree.distance import (
     BOX,
     CYLINDER,
+    FIELD,
     HALF_SPACE,
     HULL,
     POINT,
@@ -36,9 +37,10 @@ from ..core.tree.distance import (
     least_distances,
     pair_distances,
 )
+from ..core.tree.field_contact import COLUMNS, MANY, FieldBench
 from ..core.tree.patch import Bench
 from ..dynamics import Poses, check_model, forward_kinematics
-from ..model import Model, rigid_bodies
+from ..model import HeightField, Model, rigid_bodies
 from ..model.rest_posture import nearest_posture
 from ..model.shapes import Box, Capsule, Cylinder, Shape, Sphere
 from ..scene.records import records
@@ -143,12 +145,15 @@ def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarra
 
 
 def _apart(model: Model) -> list[tuple[int, int]]:
-    """Find the pairs of shapes whose bodies are neither the same nor neighbors."""
+    """Find the pairs of shapes whose bodies are neither the same nor neighbors; height fields have no distance."""
     bodies, placements = rigid_bodies(model)
     rows = [placements[shape.link].row for shape in model.shapes]
     near = {(row, row) for row in range(len(bodies))} | {(body.frame.parent, k) for k, body in enumerate(bodies)}
     every = ((a, b) for b in range(len(rows)) for a in range(b))
-    return [(a, b) for a, b in every if not {(rows[a], rows[b]), (rows[b], rows[a])} & near]
+    solid = [not isinstance(shape.geometry, HeightField) for shape in model.shapes]
+    return [
+        (a, b) for a, b in every if solid[a] and solid[b] and not {(rows[a], rows[b]), (rows[b], rows[a])} & near
+    ]
 
 
 def _rows(poses: Poses) -> Poses:
@@ -186,6 +191,8 @@ def shape_tables(shapes: Sequence[Shape | HalfSpace], links: Sequence[int]) -> S
     table.first = table.first_vertex = _starts(part.polytope.vertices for part in parts)
     round_ = np.stack([table.disc, table.disc, np.zeros(len(table))], axis=1)
     table.extent = table.half + round_ + table.radius[:, None]
+    heights = [_heights(shape, row) for shape, row in zip(shapes, table)]
+    table.first_node = _starts(heights)
     for row, part in zip(table, parts):
         if row.kind == HULL:
             row.extent = np.abs(part.polytope.vertices).max(axis=0) + row.radius
@@ -200,7 +207,23 @@ def shape_tables(shapes: Sequence[Shape | HalfSpace], links: Sequence[int]) -> S
         np.concatenate([one.planes for one in polytopes]),
         np.concatenate([polytopes[0].loops, *loops]),
         *(np.concatenate([one[k] for one in polytopes]) for k in (3, 4)),
+        np.concatenate([np.zeros(0), *heights]),
     )  # fmt: skip
+
+
+def _heights(shape: Shape | HalfSpace, row: Any) -> np.ndarray:
+    """Return the heights of a field over the center of its row (nx ny,) [m], of another shape none."""
+    field = getattr(shape, "geometry", None)
+    if not isinstance(field, HeightField):
+        return np.zeros(0)
+    return (field.heights - _middle(field)[2]).ravel()
+
+
+def _middle(field: HeightField) -> np.ndarray:
+    """Return the center (3,) of a box about a field [m]; it is solid to a cell's width below its lowest node."""
+    across = np.array(field.origin) + 0.5 * np.array(field.spacing) * (np.array(field.heights.shape) - 1)
+    low = field.heights.min() - max(field.spacing)
+    return np.array([*across, 0.5 * (low + field.heights.max())])
 
 
 def _starts(parts: Iterable[np.ndarray]) -> np.ndarray:
@@ -231,7 +254,7 @@ def _laid_out(shape: Shape | HalfSpace) -> _LaidOut:
 def contact_bench(shapes: Shapes) -> Bench:
     """Make the scratch arrays that contact of any two of these shapes needs; kinds that are absent have no code."""
     kinds = {int(kind) for kind in shapes.table["kind"]}
-    vertices, sides = (max(int(shapes.table[name].max(initial=1)), 1) for name in ("vertices", "sides"))
+    vertices, sides = (max(int(shapes.table[name].max(initial=1)), 2) for name in ("vertices", "sides"))
     return Bench(
         np.zeros((4, 3)),
         np.zeros((4, 3)),
@@ -239,7 +262,20 @@ def contact_bench(shapes: Shapes) -> Bench:
         np.zeros((2, 2 * vertices + 16, 6)),
         np.zeros((2, sides), np.int64) if kinds & {BOX, HULL} else None,
         np.zeros(0) if CYLINDER in kinds else None,
+        field_bench(shapes) if FIELD in kinds else None,
     )
+
+
+def field_bench(shapes: Shapes) -> FieldBench:
+    """Make the scratch arrays of height fields: all shapes once more, and a segment, whose length kernels change."""
+    table, corners = records(len(shapes.table) + 1, SHAPE), np.concatenate([shapes.corners, np.zeros((2, 3))])
+    table[:-1] = shapes.table
+    row: Any = table[-1]
+    row.kind, row.vertices, row.sides = SEGMENT, 2, 1
+    row.first_vertex, row.first_side = len(shapes.corners), len(shapes.sides)
+    sides_ = np.concatenate([shapes.sides, [[0, 1, -1, -1]]])
+    whole = shapes._replace(table=table, corners=corners, sides=sides_)
+    return FieldBench(whole, np.zeros((8, 8)), np.zeros((MANY, COLUMNS)))
 
 
 def _polytope(row: Any, corners: np.ndarray) -> Polytope:
@@ -264,6 +300,9 @@ def _fill(row: Any, shape: Shape | HalfSpace) -> np.ndarray:
             row.kind, row.disc, row.half = CYLINDER if radius > 0.0 else SEGMENT, radius, (0.0, 0.0, 0.5 * length)
         case Box(size):
             row.kind, row.half = BOX, 0.5 * np.array(size)
+        case HeightField() as field:
+            row.kind, row.nodes, row.spacing, center = FIELD, field.heights.shape, field.spacing, _middle(field)
+            row.half = np.array([*center[:2] - field.origin, center[2] - field.heights.min() + max(field.spacing)])
         case _:
             row.kind = HULL
             corners, row.radius = local_corners(shape), corner_error(shape)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.fixed_order import total
+from ..model import HeightField
 from ..model.rigid_bodies import inertia_tuple
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from .hull import hull_triangles
@@ -37,6 +38,8 @@ def solid_of(geometry: Geometry) -> Solid:
         case Box((x, y, z)):
             moments = ((y * y + z * z) / 12.0, 0.0, 0.0, (x * x + z * z) / 12.0, 0.0, (x * x + y * y) / 12.0)
             return Solid(x * y * z, (0.0, 0.0, 0.0), moments)
+        case HeightField():
+            return _round(0.0, 0.0, 0.0)
         case Mesh():
             return _polyhedron(mesh_hull(geometry))
         case Hull(points):

@@ -76,7 +76,10 @@ class ContactPoint:
 
 @dataclass(frozen=True, eq=False)
 class HeightField:
-    """Heights over a grid: bilinear between the nodes, level beyond the edge.
+    """Heights over a grid, as a ground or as the shape of an obstacle.
+
+    Under contact points it is bilinear between the nodes and level beyond the edge.  Between bodies each cell is two
+    triangles, and the field ends at its edge.
 
     Attributes
     ----------
@@ -85,7 +88,7 @@ class HeightField:
     spacing : tuple of float
         Distance of the nodes along x and y [m].
     origin : tuple of float
-        Place of heights[0, 0] in world axes [m].
+        Place of heights[0, 0] in world axes, or in the frame of the shape [m].
     """
 
     heights: np.ndarray

@@ -14,6 +14,7 @@ import numpy as np
 from ..base.arguments import floats, instance, is_real, shown, vector
 from ..base.brief import brief
 from .checks import check, friction_flaws
+from .ground import HeightField
 
 Vector = tuple[float, float, float]
 
@@ -141,7 +142,7 @@ class Hull:
             object.__setattr__(self, "points", tuple(map(tuple, points.tolist())))
 
 
-Geometry: TypeAlias = Sphere | Capsule | Cylinder | Box | Mesh | Hull
+Geometry: TypeAlias = Sphere | Capsule | Cylinder | Box | Mesh | Hull | HeightField
 
 
 @dataclass(frozen=True)
@@ -152,8 +153,8 @@ class Shape:
     ----------
     link : str
         Name of the link.
-    geometry : Sphere, Capsule, Cylinder, Box, Mesh or Hull
-        The geometry.
+    geometry : Sphere, Capsule, Cylinder, Box, Mesh, Hull or HeightField
+        The geometry.  A height field consists of triangles here, two a cell, and is solid below.
     xyz : tuple of float
         Center in the link's frame [m].
     rpy : tuple of float
@@ -176,8 +177,9 @@ class Shape:
     def __post_init__(self) -> None:
         instance("shape: link", self.link, str, "give the name of its link")
         what = f"shape on link {self.link!r}"
-        kinds = (Sphere, Capsule, Cylinder, Box, Mesh, Hull)
-        instance(f"{what}: geometry", self.geometry, kinds, "give a Sphere, Capsule, Cylinder, Box, Mesh or Hull")
+        kinds = (Sphere, Capsule, Cylinder, Box, Mesh, Hull, HeightField)
+        remedy = "give a Sphere, Capsule, Cylinder, Box, Mesh, Hull or HeightField"
+        instance(f"{what}: geometry", self.geometry, kinds, remedy)
         instance(f"{what}: name", self.name, str, "give a text")
         check(friction_flaws(what, self.friction))
         _freeze(self, what, "xyz", "rpy")

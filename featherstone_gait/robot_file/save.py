@@ -11,7 +11,7 @@ from typing import Any
 
 from ..base.arguments import instance
 from ..base.files import complete_together
-from ..model import Ground, Joint, Link, Model
+from ..model import Ground, HeightField, Joint, Link, Model
 from ..model.shapes import Hull, Mesh, Shape
 from .gazebo import FIELDS
 from .markup import comment, element
@@ -87,6 +87,8 @@ def _shape_lines(shape: Shape) -> list[str]:
     match shape.geometry:
         case Hull(points):
             return [comment(f"a hull of {len(points)} points, which URDF cannot state")]
+        case HeightField():
+            return [comment("a height field, which URDF cannot state")]
         case Mesh(file, scale):
             geometry = element("mesh", {"filename": file, "scale": scale})
         case other:  # whose fields are named as in URDF

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import instance
 from ..base.fixed_order import applied, total
 from ..core.effects.pair import Pairs
-from ..core.tree.distance import Room, Shapes, pair_distances
+from ..core.tree.distance import FIELD, Room, Shapes, pair_distances
 from ..scene.compile import CompiledScene
 from ..scene.pairs import body_poses
 from .start import checked_state, initial_state
@@ -40,7 +40,7 @@ def overlaps(
     -------
     list of ((str, str), float)
         Each two links that overlap, the deepest first, and the way [m] that they must move to part; of cylinders it is
-        at most that.  The ground is left out.
+        at most that.  The ground and height fields are left out.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def _listed(scene: CompiledScene, depth: np.ndarray, which: np.ndarray) -> str:
 
 
 def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray) -> np.ndarray:
-    """Compute how deep the shapes of each pair (pairs,) overlap [m]; 0 of those that are apart, and of the ground."""
+    """Compute how deep the shapes of each pair (pairs,) overlap [m]; 0 where they are apart, or one is no solid."""
     bases, table = y[slice(*scene.part("base_q"))].reshape(-1, 7), pairs.shapes.table
     joints = [scene.state_of(one.name, y)[slice(*one.scene.part("q"))] for one in scene.members]
     rotation, position = body_poses(scene.members, scene.tree, bases, joints)
@@ -96,7 +96,8 @@ def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray) -> np.ndarray:
     both = np.stack([pairs.pairs.a, pairs.pairs.b], axis=1)
     apart = center[both[:, 0]] - center[both[:, 1]]
     reach = table.bound[both].sum(axis=1)
-    near = np.flatnonzero((total(apart * apart) < reach * reach) & np.isfinite(reach))
+    solid = (table.kind[both] != FIELD).all(axis=1)
+    near = np.flatnonzero((total(apart * apart) < reach * reach) & np.isfinite(reach) & solid)
     distance, depth = np.zeros(len(near)), np.zeros(len(both))
     if len(near):
         n = len(table)

@@ -24,14 +24,14 @@ import numpy as np
 from ..base.fixed_order import applied, product, total
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, Pairs
-from ..core.tree.distance import HALF_SPACE, Shapes
+from ..core.tree.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
 from ..geometry.distance import HalfSpace, meeting_shapes, shape_tables
-from ..model import Ground, Joint
+from ..model import Ground, HeightField, Joint
 from ..model.numpy_dynamics import link_poses
 from ..model.pair_contact import ALL, GROUND, PairContact
 from ..model.placed import SEPARATOR, Placed, link_name
 from ..model.rest_posture import nearest_posture, standing_keyframe
-from ..model.shapes import Capsule, Shape, Sphere
+from ..model.shapes import Box, Capsule, Shape, Sphere
 from .contact import plane_axes, standing_height
 from .forest import Member, named, shifts
 from .options import SceneOptions
@@ -46,6 +46,7 @@ MOST = 96  # points between bodies that can move, of which so many can act at on
 CARRYING = 4  # of the points of two shapes, at most
 LIGHTEST = 1e-300  # [kg]
 LEAST_POINTS = 32  # of the pool
+WIDE, UNDER = 100.0, 1.0  # of the treads of steps, how far they reach from the origin, and below the lowest one [m]
 NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
 EARTH = math.sqrt(sum(g * g for g in GRAVITY))  # in place of no gravity [m/s^2]
@@ -90,6 +91,11 @@ class Solid(NamedTuple):
         """What shape it is."""
         return HalfSpace if isinstance(self.shape, HalfSpace) else type(self.shape.geometry)
 
+    @property
+    def is_surface(self) -> bool:
+        """Whether it has no inside whose distance from another surface is known."""
+        return self.kind in (HalfSpace, HeightField)
+
 
 class Parts(NamedTuple):
     """All shapes of a scene."""
@@ -120,8 +126,8 @@ def build_pairs(
         return Touching(notes=(*parts.notes, "no two shapes can touch each other")), tree
     solids, chosen = [parts.solids[k] for k in used], np.searchsorted(used, chosen)
     table, tree, own_rows = _with_rows(_table(solids, chosen), tree, _with_points(members))
-    _fill_law(table, solids, tree, options)
     shapes = _shapes(solids)
+    _fill_law(table, solids, shapes, tree, options)
     reach, radius = _bounds(solids, shapes, tree, [joint for one in members for joint in one.model.moving_joints])
     enough = LEAST_POINTS + _piled(table, tree) + _near_points(table, shapes, members, tree, options)
     slots = min(int(table.slots.sum()), option.max_points or enough)
@@ -165,14 +171,28 @@ def _parts(members: Sequence[Member], obstacles: Sequence[Placed], tree: Tree, g
             link = link_name(placed.name, shape.link)
             solids.append(Solid(link, placed.name, WORLD, beyond, False, shape, turn, at))
     if ground is not None and any(solid.moves and not solid.on_points for solid in solids):
-        if ground.field is None and not ground.steps:
-            normal, first, second = plane_axes(ground)
-            at = ground.height * normal[2] * normal
-            turn = np.stack([first, second, normal], axis=1)
-            solids.append(Solid(GROUND, GROUND, WORLD, beyond, False, HalfSpace(), turn, at))
-        else:
-            notes.append("ground: links without contact points do not touch one that has steps or is a height field")
+        solids += _of_ground(ground, beyond)
     return Parts(solids, np.concatenate(meeting), notes)
+
+
+def _of_ground(ground: Ground, beyond: int) -> list[Solid]:
+    """Return the ground as a height field, or as all below its lowest tread with a box for each other one."""
+    if ground.field is not None:
+        place = np.eye(3), np.array([0.0, 0.0, ground.height])
+        return [Solid(GROUND, GROUND, WORLD, beyond, False, Shape(GROUND, ground.field), *place)]
+    normal, first, second = plane_axes(ground)
+    turn, levels = np.stack([first, second, normal], axis=1), [ground.height * float(normal[2])]
+    steps = sorted(ground.steps)
+    for _, rise in steps:
+        levels.append(levels[-1] + rise)
+    low = min(levels)
+    found = [Solid(GROUND, GROUND, WORLD, beyond, False, HalfSpace(), turn, low * normal)]
+    for level, (start, _), (end, _) in zip(levels, [(-WIDE, 0.0), *steps], [*steps, (WIDE, 0.0)]):
+        if level > low and end > start:
+            size = (end - start, 2.0 * WIDE, level - low + UNDER)
+            at = 0.5 * (start + end) * first + (level - 0.5 * size[2]) * normal
+            found.append(Solid(GROUND, GROUND, WORLD, beyond, False, Shape(GROUND, Box(size)), turn, at))
+    return found
 
 
 def _shapes(solids: Sequence[Solid]) -> Shapes:
@@ -185,7 +205,7 @@ def _shapes(solids: Sequence[Solid]) -> Shapes:
 
 
 def _has_ground(solids: Sequence[Solid]) -> bool:
-    return any(solid.kind is HalfSpace for solid in solids)
+    return any(solid.link == GROUND for solid in solids)
 
 
 # ---------------------------------------------------------------------------------------------- which
@@ -197,9 +217,11 @@ def _chosen(parts: Parts, option: PairContact, excluded: Iterable[tuple[str, str
     tree, body = np.array([s.tree for s in solids], int), np.array([s.body for s in solids], int)
     moves = np.array([s.moves for s in solids], bool)
     possible = (moves[:, None] | moves) & (body[:, None] != body)
-    for k in (k for k, solid in enumerate(solids) if solid.kind is HalfSpace):
+    for k in (k for k, solid in enumerate(solids) if solid.link == GROUND):
         possible[k] &= [not solid.on_points for solid in solids]
         possible[:, k] = possible[k]
+    surface = np.array([solid.is_surface for solid in solids], bool)
+    possible &= ~(surface[:, None] & surface)
     usual = possible & (tree[:, None] != tree)
     usual[tuple(parts.meeting.T)] = usual[tuple(parts.meeting.T[::-1])] = True
     usual &= possible
@@ -278,6 +300,8 @@ def _table(solids: Sequence[Solid], chosen: np.ndarray) -> np.recarray:
 
 def points_of(kinds: set[type]) -> int:
     """Return how many points two shapes of these kinds can touch at."""
+    if HeightField in kinds:
+        return 4 if Sphere in kinds else 8
     if Sphere in kinds:
         return 1
     if Capsule in kinds:
@@ -311,14 +335,16 @@ def _with_rows(table: np.recarray, tree: Tree, pointed: np.ndarray) -> tuple[np.
     return table, tree._replace(bodies=bodies, rows=tree.rows + len(new)), own
 
 
-def _fill_law(table: np.recarray, solids: Sequence[Solid], tree: Tree, options: SceneOptions) -> None:
+def _fill_law(
+    table: np.recarray, solids: Sequence[Solid], shapes: Shapes, tree: Tree, options: SceneOptions
+) -> None:
     """Fill stiffness, damping and friction of each pair; the ground's are those that it has for points."""
     option, ground, g = options.pairs, options.ground, options.g or EARTH
     assert option is not None
     heavier, reduced = _masses(table, tree)
     load = heavier if option.load is None else np.full(len(table), option.load)
-    points = np.minimum(table.slots, CARRYING)
-    on_ground = np.array([solid.kind is HalfSpace for solid in solids])[table.b]
+    points = _carrying(table, shapes)
+    on_ground = np.array([solid.link == GROUND for solid in solids])[table.b]
     depth, ratio = np.full(len(table), option.penetration), np.full(len(table), option.damping_ratio)
     both = zip(table.a.tolist(), table.b.tolist())
     table.friction = [_friction(solids[a], solids[b], option, ground) for a, b in both]
@@ -330,12 +356,22 @@ def _fill_law(table: np.recarray, solids: Sequence[Solid], tree: Tree, options: 
     table.tangential_damping = 2.0 * np.maximum(ratio, 0.1) * np.sqrt(k * reduced / points)
 
 
+def _carrying(table: np.recarray, shapes: Shapes) -> np.ndarray:
+    """Return on how many points (pairs,) each pair carries a weight."""
+    kinds = shapes.table.kind
+    one, two = kinds[table.a], kinds[table.b]
+    field = (one == FIELD) | (two == FIELD)
+    low = np.minimum(one, two)
+    on_field = np.where(low == POINT, 1, np.where(low == SEGMENT, 2, CARRYING))
+    return np.where(field, on_field, np.minimum(table.slots, CARRYING))
+
+
 def _friction(a: Solid, b: Solid, option: PairContact, ground: Ground | None) -> float:
     """Return the geometric mean of two shapes' friction; with the ground it is the shape's, else the ground's."""
     one = getattr(a.shape, "friction", None)
-    if isinstance(b.shape, HalfSpace):
+    if b.link == GROUND:
         return ground.friction if one is None and ground is not None else one or 0.0
-    other = b.shape.friction
+    other = getattr(b.shape, "friction", None)
     return math.sqrt((option.friction if one is None else one) * (option.friction if other is None else other))
 
 
@@ -351,7 +387,7 @@ def limited(check: Preflight, touching: Touching, tree: Tree) -> Preflight:
     if touching.table is None:
         return check
     table = touching.table.pairs
-    steps = 2.0 * np.sqrt(_masses(table, tree)[1] / (np.minimum(table.slots, CARRYING) * table.stiffness))
+    steps = 2.0 * np.sqrt(_masses(table, tree)[1] / (_carrying(table, touching.table.shapes) * table.stiffness))
     k = int(steps.argmin())
     limit = Limit(" - ".join(touching.names[k]), float(steps[k]), "contact spring")
     largest, folded, sliding = (

@@ -17,7 +17,7 @@ import numpy as np
 from ..base.rotation import rotation_from_rpy
 from ..geometry.mesh import Color, mesh_parts
 from ..geometry.mesh import Part as MeshPart
-from ..model import Link, Model, inertia_matrix
+from ..model import HeightField, Link, Model, inertia_matrix
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from ..robot_file.visuals import Ellipsoid, Triangles, Visual, read_visuals
 
@@ -224,8 +224,22 @@ def _faceted(
         yield *_turned(geometry.radius, [-0.5 * geometry.length, 0.5 * geometry.length], corners), None
     elif isinstance(geometry, Cylinder):
         yield *_cylinder(geometry.radius, geometry.length, corners), None
+    elif isinstance(geometry, HeightField):
+        yield *_field(geometry), None
     else:
         yield *_hull(np.array(geometry.points)), None
+
+
+def _field(field: HeightField) -> Faceted:
+    """Return the nodes of a height field, and two triangles for each cell."""
+    (nx, ny), (x, y), (dx, dy) = field.heights.shape, field.origin, field.spacing
+    first, second = np.meshgrid(x + dx * np.arange(nx), y + dy * np.arange(ny), indexing="ij")
+    points = np.stack([first, second, field.heights], axis=-1).reshape(-1, 3)
+    cells = (i * ny + j for i in range(nx - 1) for j in range(ny - 1))
+    faces = []
+    for k in cells:
+        faces += [(k, k + ny, k + ny + 1), (k, k + ny + 1, k + 1)]
+    return points, list[tuple[int, ...]](faces)
 
 
 def _colored(mesh: Mesh, read: dict[str, list[MeshPart]]) -> Iterator[tuple[np.ndarray, np.ndarray, Color | None]]:

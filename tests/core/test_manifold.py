@@ -11,7 +11,7 @@ from featherstone_gait import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from featherstone_gait.base.rotation import rotation_from_rpy
 from featherstone_gait.core.tree.distance import Room, pair_distances
 from featherstone_gait.core.tree.manifold import pair_contacts
-from featherstone_gait.geometry.distance import HalfSpace, contact_bench, shape_tables
+from featherstone_gait.geometry.distance import HalfSpace, contact_bench, field_bench, shape_tables
 
 QUARTER = 0.5 * math.pi
 MARGIN = 0.01
@@ -51,7 +51,8 @@ class Placed:
         pairs = np.ascontiguousarray(self.pairs[:, ::-1]) if swap else self.pairs
         out, counts = np.zeros((len(pairs), 8, 8)), np.zeros(len(pairs), np.int64)
         bench = contact_bench(self.tables)
-        bench = bench._replace(near=np.zeros((2, 99), np.int64), ends=np.zeros(0))  # one compiled kernel for all
+        one = {"near": np.zeros((2, 99), np.int64), "ends": np.zeros(0), "field": field_bench(self.tables)}
+        bench = bench._replace(**one)  # one compiled kernel for all
         pair_contacts(self.tables, self.room, bench, pairs, margin, self.rotation, self.position, out, counts)
         return [points[:count] for points, count in zip(out, counts)]
 

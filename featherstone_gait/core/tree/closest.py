@@ -8,8 +8,8 @@ from math import sqrt
 
 from ..compile.jit import kernel
 from ..compile.lanes import clamp
-from .distance import GAP, PASSES, TOUCH, keep_rows, nearest_in_simplex, on_edge, support
-from .patch import PARALLEL, SHORT, lessened, put
+from .distance import GAP, PASSES, TOUCH, column, keep_rows, nearest_in_simplex, on_edge, support
+from .patch import PARALLEL, SHORT, TINY, lessened, put, unit, up
 from .spatial import add, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
 
 
@@ -70,6 +70,20 @@ def put_lines(pair, out, line, other, n, feature, lift):
         both = add(p, scale(u, at)), add(q, scale(v, beside))
         count = _put_at(pair, out, count, both, n, weight, feature + end)
     return count
+
+
+@kernel
+def capsules(pair, out):
+    """Give out the contact of two capsules."""
+    zero = (0.0, 0.0, 0.0)
+    line, other = (zero, (0.0, 0.0, 1.0), pair.a.half[2]), (pair.c, column(pair.R, 2), pair.b.half[2])
+    s, t, _ = closest_on_lines(line, other)
+    v = sub(scale(line[1], s), add(pair.c, scale(other[1], t)))
+    turned = cross(line[1], other[1])
+    aside = unit(turned, up(pair)) if dot(turned, turned) > TINY * TINY else up(pair)
+    aside = aside if dot(aside, pair.c) <= 0.0 else scale(aside, -1.0)
+    n = unit(v, aside) if dot(v, v) > (TOUCH * pair.size) ** 2 else aside
+    return put_lines(pair, out, line, other, n, 0, 0.0)
 
 
 @kernel

@@ -43,8 +43,12 @@ SHAPE = record(
     faces=int,
     first_side=int,  # of its edges from vertex to vertex
     sides=int,
+    first_node=int,  # of a height field, among the heights
+    nodes=(int, 2),  # along x and y
+    spacing=(float, 2),  # of the nodes [m]
 )
-POINT, SEGMENT, BOX, HULL, CYLINDER, HALF_SPACE = range(6)  # the core; a half space is what lies below z = 0
+# The core; a half space is what lies below z = 0, a height field what lies below triangles between nodes.
+POINT, SEGMENT, BOX, HULL, CYLINDER, HALF_SPACE, FIELD = range(7)
 
 
 @structure
@@ -59,6 +63,7 @@ class Shapes(NamedTuple):
     loops: np.ndarray  # (all, 2) of each face: its first row in `around`, and how many it has
     around: np.ndarray  # (all, 2) vertices of a face, counterclockwise from outside, and the side from each to the next
     sides: np.ndarray  # (all, 4) two vertices of each, the face that goes from one to the other, and back; or -1
+    heights: np.ndarray  # (all,) of the nodes of height fields, row by row along x, about the center of each [m]
 
 
 @structure

@@ -1,19 +1,21 @@
 """Contact manifolds: up to eight points at which two convex shapes touch, or will soon.
 
 Spheres and capsules have the closest points, a half space the vertices, ends and rims that lie in it, polytopes
-(polytope_contact.py) and cylinders (cylinder_contact.py) the ends of the patch in which they touch.
+(polytope_contact.py) and cylinders (cylinder_contact.py) the ends of the patch in which they touch, and height fields
+(field_contact.py) corners, edges and nodes.
 """
 
 from math import inf, sqrt
 
 from ..compile.jit import entry, kernel
 from ..compile.lanes import clamp
-from .closest import closest_on_lines, put_lines
+from .closest import capsules
 from .cylinder_contact import cylinder_points, rim_rows
-from .distance import BOX, CYLINDER, HALF_SPACE, POINT, SEGMENT, TOUCH, column, place
-from .patch import TINY, Pair, keep_deep, put_nearest, put_rows, unit, up, write_row
+from .distance import BOX, CYLINDER, FIELD, HALF_SPACE, POINT, SEGMENT, TOUCH, column, place
+from .field_contact import field_points
+from .patch import Pair, keep_deep, put_nearest, put_rows, unit, up, write_row
 from .polytope_contact import polytope_points
-from .spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
+from .spatial import compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
 
 
 @kernel
@@ -46,12 +48,14 @@ def _points(pair, shapes, bench, out):
     a, b = pair.a.kind, pair.b.kind
     if b == HALF_SPACE:
         return _over_half_space(pair, shapes, bench, out)
+    if b == FIELD:
+        return field_points(bench.field, pair, shapes, bench, out)
     if a == POINT:
         return _sphere(pair, shapes, out)
     if b == CYLINDER:
         return cylinder_points(bench.ends, pair, shapes, bench, out)
     if b == SEGMENT:
-        return _capsules(pair, out)
+        return capsules(pair, out)
     return polytope_points(bench.near, pair, shapes, bench, out)
 
 
@@ -85,20 +89,6 @@ def _over_half_space(pair, shapes, bench, out):
             write_row(P, k, vector(shapes.corners[pair.a.first_vertex + k]), float(k), 0.0)
     count = keep_deep(pair, P, count, m, offset, 1.0)
     return put_rows(pair, out, P, count, m, True)
-
-
-@kernel
-def _capsules(pair, out):
-    """Give out the contact of two capsules."""
-    zero = (0.0, 0.0, 0.0)
-    line, other = (zero, (0.0, 0.0, 1.0), pair.a.half[2]), (pair.c, column(pair.R, 2), pair.b.half[2])
-    s, t, _ = closest_on_lines(line, other)
-    v = sub(scale(line[1], s), add(pair.c, scale(other[1], t)))
-    turned = cross(line[1], other[1])
-    aside = unit(turned, up(pair)) if dot(turned, turned) > TINY * TINY else up(pair)
-    aside = aside if dot(aside, pair.c) <= 0.0 else scale(aside, -1.0)
-    n = unit(v, aside) if dot(v, v) > (TOUCH * pair.size) ** 2 else aside
-    return put_lines(pair, out, line, other, n, 0, 0.0)
 
 
 @kernel

@@ -33,6 +33,7 @@ class Bench(NamedTuple):
     rows: np.ndarray  # (2, 2 x the most vertices of a shape + 16, 6): point [m], feature, side to the next, depth [m]
     near: np.ndarray | None  # (2, most sides of a shape) of them, int64; None where no shape is a box or a hull
     ends: np.ndarray | None  # (0,); None where no shape is a cylinder
+    field: tuple | None = None  # FieldBench of field_contact.py; None where no shape is a height field
 
 
 @structure

@@ -17,7 +17,7 @@ import numpy as np
 from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
-from ...model import Ground, HeightField, Joint
+from ...model import Ground, Joint
 from ...model.pair_contact import GROUND
 from ...model.placed import SEPARATOR, link_name
 from ...model.shapes import Shape
@@ -29,7 +29,20 @@ from .equalities import Line, couplings
 from .read import compiled, held_by, name_of, postures_of
 from .sizes import documents_of
 from .touching import FRICTIONLESS, collisions, excluded_bodies, links_apart, meets, paired_geoms
-from .tree import GEOMS, HFIELD, PLANE, Tree, geometry_of, moving_trees, names_of, top_bodies, tree_at, unused, vector
+from .tree import (
+    GEOMS,
+    HFIELD,
+    PLANE,
+    Tree,
+    geometry_of,
+    height_field,
+    moving_trees,
+    names_of,
+    top_bodies,
+    tree_at,
+    unused,
+    vector,
+)
 
 NO_CONTACT = 1 << 4  # mjtDisableBit, of <flag>
 OBSTACLE = "body"  # the one link of an obstacle
@@ -273,7 +286,7 @@ def _floor(m: Any, report: Report) -> int | None:
             f"left out the ground: gravity {gravity_of(m)} m/s^2 presses nothing on it; touching is not simulated"
         )
         return None
-    if good and len(touched) > 1:
+    if good and any(g != good[0] and m.geom_type[g] == PLANE for g in touched):  # other fields are obstacles
         report.doubt(f"took geom {names_of(m, 'geom', m.ngeom)[good[0]]!r} as the ground: a scene has one")
     return good[0] if good else None
 
@@ -291,12 +304,9 @@ def _ground(m: Any, g: int) -> Ground:
     """Return the ground that a plane or height field is; how it gives way is that of `Ground`, not of the file."""
     (E, r), friction = _in_world(m, g), float(m.geom_friction[g, 0])
     if m.geom_type[g] == HFIELD:
-        k = int(m.geom_dataid[g])
-        rows, columns, start = int(m.hfield_nrow[k]), int(m.hfield_ncol[k]), int(m.hfield_adr[k])
-        half_x, half_y, top, _ = m.hfield_size[k].tolist()
-        heights = m.hfield_data[start : start + rows * columns].astype(float).reshape(rows, columns).T * top
-        spacing = (2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1))
-        field = HeightField(heights, spacing, (float(r[0]) - half_x, float(r[1]) - half_y))
+        field = height_field(m, int(m.geom_dataid[g]))
+        x, y = field.origin
+        field = replace(field, origin=(float(r[0]) + x, float(r[1]) + y))
         return Ground(friction, height=float(r[2]), field=field)
     x, y, z = E[:, 2].tolist()  # the normal
     height = (x * float(r[0]) + y * float(r[1]) + z * float(r[2])) / z

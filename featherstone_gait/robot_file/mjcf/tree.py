@@ -11,7 +11,7 @@ import numpy as np
 
 from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
-from ...model import Base, Joint, Link, Mimic
+from ...model import Base, HeightField, Joint, Link, Mimic
 from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Shape, Sphere
 from ..robot import MASSLESS
@@ -252,7 +252,17 @@ def geometry_of(m: Any, g: int) -> Geometry | None:
         return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2]))
     if kind == MESH:
         return Hull(tuple(vector(point) for point in _corners(m, int(m.geom_dataid[g]))))
+    if kind == HFIELD:
+        return height_field(m, int(m.geom_dataid[g]))
     return None
+
+
+def height_field(m: Any, k: int) -> HeightField:
+    """Return a height field about its middle, as MuJoCo has it."""
+    rows, columns, start = int(m.hfield_nrow[k]), int(m.hfield_ncol[k]), int(m.hfield_adr[k])
+    half_x, half_y, top, _ = m.hfield_size[k].tolist()
+    heights = m.hfield_data[start : start + rows * columns].astype(float).reshape(rows, columns).T * top
+    return HeightField(heights, (2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1)), (-half_x, -half_y))
 
 
 def _corners(m: Any, mesh: int) -> np.ndarray:

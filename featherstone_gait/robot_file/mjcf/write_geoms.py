@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from ...base.fixed_order import applied
+from ...base.rotation import rotation_from_rpy
 from ...dynamics import Wrench, energy, forward_dynamics
 from ...model import ContactPoint, Ground, HeightField, Link, Model
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
@@ -81,13 +83,20 @@ def _shape_lines(k: int, name: str, shape: Shape, bits: dict[str, str]) -> list[
     if not stated:
         what = geometry.file if isinstance(geometry, Mesh) else f"{type(geometry).__name__} without extent"
         return [comment(f"left out {name or 'a shape'}: {what}")]
-    attributes = {"name": name or None, **stated, "pos": shape.xyz, "euler": shape.rpy, **MASSLESS, **bits}
+    place = shape.xyz
+    if isinstance(geometry, HeightField):  # MuJoCo's lies about its middle, with its lowest node at 0
+        low = (*(o + half for o, half in zip(geometry.origin, _halves(geometry))), geometry.heights.min())
+        x, y, z = (np.array(place) + applied(rotation_from_rpy(shape.rpy), np.array(low))).tolist()
+        place = (x, y, z)
+    attributes = {"name": name or None, **stated, "pos": place, "euler": shape.rpy, **MASSLESS, **bits}
     return element("geom", attributes)
 
 
 def _geometry(k: int, geometry: Geometry) -> dict[str, Any]:
     """Return MuJoCo's type and size of a geometry, or the name of its mesh; empty if MuJoCo does not accept it."""
     match geometry:
+        case HeightField():
+            return {"type": "hfield", "hfield": f"field{k}"}
         case Hull():
             return {"type": "mesh", "mesh": f"mesh{k}"}
         case Mesh(file):
@@ -122,12 +131,14 @@ def unread_meshes(model: Model) -> list[str]:
 
 
 def mesh_lines(model: Model) -> list[str]:
-    """Write the hulls, and the files that shapes name.
+    """Write the hulls and height fields, and the files that shapes name.
 
     They state inertia="shell", since MuJoCo requires a volume even of massless meshes.
     """
     lines = []
     for k, shape in enumerate(model.shapes):
+        if isinstance(shape.geometry, HeightField):
+            lines += _field_lines(f"field{k}", shape.geometry)
         stated: dict[str, Any] = {}
         match shape.geometry:
             case Hull(points):
@@ -184,14 +195,17 @@ def _halves(field: HeightField) -> list[float]:
 
 
 def field_lines(ground: Ground | None) -> list[str]:
-    """Write the height field; MuJoCo lists its rows from the largest y down, with heights from 0 to 1 of a size."""
-    if ground is None or ground.field is None:
-        return []
-    field, (nx, ny) = ground.field, ground.field.heights.shape
+    """Write the height field of the ground."""
+    return [] if ground is None or ground.field is None else _field_lines(FLOOR, ground.field)
+
+
+def _field_lines(name: str, field: HeightField) -> list[str]:
+    """Write a height field; MuJoCo lists its rows from the largest y down, with heights from 0 to 1 of a size."""
+    nx, ny = field.heights.shape
     size = (*_halves(field), float(np.ptp(field.heights)) or FIELD_BASE, FIELD_BASE)
     elevation = (field.heights - field.heights.min()).T[::-1]
     stated = {"nrow": str(ny), "ncol": str(nx), "size": size, "elevation": elevation}
-    return element("hfield", {"name": FLOOR, **stated})
+    return element("hfield", {"name": name, **stated})
 
 
 def _softness(model: Model) -> float:
