@@ -243,12 +243,13 @@ def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
         origin = base_position(predicted, step, pair.tree_a, lane, width)
         shift = sub(base_position(predicted, step, pair.tree_b, lane, width), origin)
     h = flat(pool.C)[(c * COLUMNS + U0) * width + lane]
-    ahead = h > 0.0
-    way = _way(pair, (a, b), (ra, rb), h if ahead else step.span, step, lane, width)
-    far = way + pairs.margin if ahead else pairs.margin
+    speed = _speed(pair, (a, b), (ra, rb), step, lane, width)
+    far, blind = 2.0 * h * speed + SUDDEN * (h * h) + pairs.margin, 0.0
+    if h < step.span:
+        blind = step.span * speed
     rb = add(rb, shift)
-    gap = gap_at_least(a, b, Ea, Eb, sub(ra, rb), max(far, way))
-    if not ahead and gap < 0.5 * way and 0.5 * way > _thickness(a, b):
+    gap = gap_at_least(a, b, Ea, Eb, sub(ra, rb), max(far, blind))
+    if gap < blind and blind > _thickness(a, b):
         flat(step.y)[(step.offsets.newton_iterations + 1) * width + lane] += 1.0
     found = 0
     if gap < far:
@@ -274,24 +275,24 @@ def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
 
 
 @inline
-def _way(pair, shapes, centers, h, step, lane, width):
-    """Return twice the way [m] that points of two shapes can move towards each other in the step h, in one lane."""
+def _speed(pair, shapes, centers, step, lane, width):
+    """Return how fast points of two shapes can move towards each other in one lane [m/s]."""
     (a, b), (ra, rb) = shapes, centers
     va, wa = _motion(pair.tree_a, pair.body_a, ra, step, lane, width)
     vb, wb = _motion(pair.tree_b, pair.body_b, rb, step, lane, width)
     v, turn = sub(va, vb), sqrt(dot(wa, wa)) * a.bound
     if pair.folded == 0:
         turn = turn + sqrt(dot(wb, wb)) * b.bound
-    return 2.0 * h * (sqrt(dot(v, v)) + turn) + SUDDEN * (h * h)
+    return sqrt(dot(v, v)) + turn
 
 
-SUDDEN = 100.0  # acceleration for which there is room [m/s^2]
+SUDDEN = 100.0  # acceleration for which there is room [m/s^2]; twice the way of a step is looked ahead
 
 
 @inline
 def _thickness(a, b):
-    """Return the way [m] on which no body that moves with a fixed explicit step passes the middle of another."""
-    if b.kind == HALF_SPACE:
+    """Return a way [m] on which a body does not pass the middle of another."""
+    if b.kind >= HALF_SPACE:
         return FAR
     least_a = min(a.extent[0], min(a.extent[1], a.extent[2]))
     return least_a + min(b.extent[0], min(b.extent[1], b.extent[2]))
