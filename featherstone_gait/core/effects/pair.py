@@ -581,7 +581,8 @@ def _turned_rate(m, z, m1, m2, c, C):
 def flatten_bristles(pairs, scratch, offsets, y, dy):
     """Turn bristles and their rates into the tangent planes, at the state whose rates have just been found.
 
-    Between steps the planes turn in the bodies; a bristle far out of its plane would be turned the other way.
+    Between steps the planes turn in the bodies; a bristle far out of its plane would be turned the other way.  What a
+    point has left behind in its slot goes: within a step the next one there would begin with it.
     """
     pool, W, C = scratch.pool, scratch.W, scratch.pool.C
     for c in range(pool.count[0]):
@@ -589,8 +590,9 @@ def flatten_bristles(pairs, scratch, offsets, y, dy):
         t, s, frame = load3(C, c, AXES + 3), load3(C, c, AXES + 6), _frame_b(pair, W)
         m = rotate_back(frame, add(scale(t, z[0]), scale(s, z[1])))
         rate = rotate_back(frame, add(scale(t, C[c, FK + 1]), scale(s, C[c, FK + 2])))
+        gone = y[offsets.pair_feature + c] == 0.0
         for k in range(3):
-            y[at + k] = select(on, m[k], y[at + k])
+            y[at + k] = select(on, m[k], select(gone, 0.0 * m[k], y[at + k]))
             dy[at + k] = select(on, rate[k], dy[at + k])
 
 
