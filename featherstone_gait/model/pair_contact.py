@@ -11,6 +11,7 @@ from .checks import FRICTION, check, number_flaws, quantity, quantity_flaws
 
 NONE, ALL = "none", "all"
 GROUND = "ground"  # its name in pairs
+MOMENT = "give the largest moment by the normal force [m], 0 for none"
 PAIR_REMEDY = 'give "all", "none" or pairs such as ("robot/hand", "cup")'
 
 
@@ -30,6 +31,10 @@ class PairContact:
         Damping ratio of small motions about rest; 1 is critical [-].
     friction : float
         Coefficient of friction of shapes that have none of their own [-].
+    torsional_friction : float
+        Coefficient of the moment that resists spinning about the normal, by the normal force [m]; 0 is none.
+    rolling_friction : float
+        Coefficient of the moment that resists rolling [m]; 0 is none.
     load : float or None
         Mass whose weight a pair carries at that depth [kg]; None: the mass of the heavier of the two robots or objects.
     max_points : int or None
@@ -46,6 +51,8 @@ class PairContact:
     penetration: float = quantity("> 0", "m", 5e-4, "0.0005 suits a small robot")
     damping_ratio: float = quantity(">= 0", "-", 0.7, "0.7 hardly bounces")
     friction: float = quantity(">= 0", "-", 0.95, FRICTION)
+    torsional_friction: float = quantity(">= 0", "m", 0.0, MOMENT)
+    rolling_friction: float = quantity(">= 0", "m", 0.0, MOMENT)
     load: float | None = None
     max_points: int | None = None
 

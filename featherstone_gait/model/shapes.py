@@ -13,7 +13,7 @@ import numpy as np
 
 from ..base.arguments import floats, instance, is_real, shown, vector
 from ..base.brief import brief
-from .checks import check, friction_flaws
+from .checks import check, friction_flaws, number_flaws
 from .ground import HeightField
 
 Vector = tuple[float, float, float]
@@ -163,6 +163,8 @@ class Shape:
         Name; may be empty.
     friction : float or None
         Coefficient of friction with the ground [-]; None: that of the `Ground`.
+    torsional_friction, rolling_friction : float or None
+        Coefficients of the moments between bodies, as in `PairContact` [m]; None: those of the `PairContact`.
     """
 
     link: str
@@ -171,6 +173,8 @@ class Shape:
     rpy: Vector = (0.0, 0.0, 0.0)
     name: str = ""
     friction: float | None = None
+    torsional_friction: float | None = None
+    rolling_friction: float | None = None
 
     __repr__ = brief
 
@@ -182,6 +186,10 @@ class Shape:
         instance(f"{what}: geometry", self.geometry, kinds, remedy)
         instance(f"{what}: name", self.name, str, "give a text")
         check(friction_flaws(what, self.friction))
+        for name in ("torsional_friction", "rolling_friction"):
+            if getattr(self, name) is not None:
+                remedy = "give the largest moment by the normal force, or None"
+                check(number_flaws(what, name, getattr(self, name), ">= 0", "m", remedy))
         _freeze(self, what, "xyz", "rpy")
 
 

@@ -175,7 +175,7 @@ def seen_from(run: Any, name: str) -> tuple[dict[str, np.ndarray], list[tuple[st
 def is_of_slots(name: str) -> bool:
     """Return whether a channel is of the slots of pairs."""
     channel = BY_NAME.get(name)
-    return channel is not None and channel.of == "slot"
+    return channel is not None and channel.of in ("slot", "turning")
 
 
 def _gaps(values: np.ndarray) -> np.ndarray:

@@ -128,7 +128,7 @@ def _axes_of(name: str, shape: tuple[int, ...], joints: list[str]) -> list[tuple
         axis, labels = f"{name}_{k}", [str(number) for number in range(size)]
         if channel is not None and channel.of in OF_JOINTS and k == 0 and size == len(joints):
             axis, labels = "joint", list(joints)
-        elif channel is not None and channel.of in ("point", "slot") and k == 0:
+        elif channel is not None and channel.of in ("point", "slot", "turning") and k == 0:
             axis = channel.of if len(shape) > 1 or channel.width == 1 else axis
         elif channel is not None and size == len(channel.labels):
             own = channel.labels  # labels that come again are those of the quaternion: x y z w qx qy qz

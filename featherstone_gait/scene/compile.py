@@ -554,6 +554,7 @@ def _places(tree: Tree, constants: Scene) -> np.recarray:
             "fed": tree.n * fed,
             "source": int(fed),
             "slot": 0 if pairs is None else int(pairs.slots[0]),
+            "turning": 0 if pairs is None or pairs.turning is None else int(pairs.slots[0]),
             "pairs": int(pairs is not None),
         }
     )

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..base.fixed_order import applied, product, total
 from ..base.rotation import rotation_from_quaternion
-from ..core.effects.pair import PAIR, Pairs
+from ..core.effects.pair import PAIR, TURNING, Pairs
 from ..core.tree.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
 from ..geometry.distance import HalfSpace, meeting_shapes, shape_tables
 from ..model import Ground, HeightField, Joint
@@ -137,7 +137,8 @@ def build_pairs(
         )
     margin = max(option.penetration, options.ground.penetration if _has_ground(solids) and options.ground else 0.0)
     room = np.array([slots, min(slots, max(MOST, 3 * len(trees_of(tree))))])
-    pairs = Pairs(shapes, table, own_rows, reach, radius, room, margin)
+    turning = _turning(table, solids, shapes, option)
+    pairs = Pairs(shapes, table, own_rows, reach, radius, room, margin, turning)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
     return Touching(pairs, names, tuple(parts.notes)), tree
 
@@ -354,6 +355,23 @@ def _fill_law(
     table.damping = 2.0 * ratio / np.sqrt(g * depth)
     table.tangential_stiffness = k
     table.tangential_damping = 2.0 * np.maximum(ratio, 0.1) * np.sqrt(k * reduced / points)
+
+
+def _turning(
+    table: np.recarray, solids: Sequence[Solid], shapes: Shapes, option: PairContact
+) -> np.recarray | None:
+    """Return the resistance to rolling and spinning, None where no pair has any.
+
+    Its springs and dampers are those of friction at the distance to which the smaller shape reaches.
+    """
+    found, lever = records(len(table), TURNING), np.minimum(shapes.table.bound[table.a], shapes.table.bound[table.b])
+    for field, name in (("torsional", "torsional_friction"), ("rolling", "rolling_friction")):
+        own = [getattr(solid.shape, name, None) for solid in solids]
+        stated = np.array([getattr(option, name) if one is None else one for one in own])
+        found[field] = np.maximum(stated[table.a], stated[table.b])
+    found.tangential_stiffness = table.tangential_stiffness * lever * lever
+    found.tangential_damping = table.tangential_damping * lever * lever
+    return found if (found.torsional > 0.0).any() or (found.rolling > 0.0).any() else None
 
 
 def _carrying(table: np.recarray, shapes: Shapes) -> np.ndarray:

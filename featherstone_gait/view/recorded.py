@@ -33,7 +33,7 @@ FIELD = 40  # cells along a height field
 PRINTS = 400  # footprints of a run
 HIDDEN = (  # channels that are not offered for plots; those of slots say nothing without their owners
     "time", "velocity_change", "newton_iterations", "worst_chatter",
-    "pair", "pair_feature", "pair_deflection", "pair_position",
+    "pair", "pair_feature", "pair_deflection", "pair_turning", "pair_position",
 )  # fmt: skip
 
 

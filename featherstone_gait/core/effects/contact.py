@@ -179,8 +179,13 @@ def solve_point(frame, a, c, h, C):
 @inline
 def compare_point(p, z, c, step, C, wrong, slope):
     """Add to `wrong` where the force at UN differs from the linear model's, and to the slope of the descent [W]."""
+    return compare_force(point_force(p, z, load3(C, c, UN), c, step.h_implicit, C), c, step, C, wrong, slope)
+
+
+@inline
+def compare_force(f, c, step, C, wrong, slope):
+    """Do as `compare_point` with the force f at UN, or with a moment at an angular velocity."""
     u = load3(C, c, UN)
-    f = point_force(p, z, u, c, step.h_implicit, C)
     e = sub(load3(C, c, FL), f)
     size = abs(f[0]) + abs(f[1]) + abs(f[2])
     wrong = wrong | (abs(e[0]) + abs(e[1]) + abs(e[2]) > step.tolerance * size + FLOOR)
@@ -190,9 +195,20 @@ def compare_point(p, z, c, step, C, wrong, slope):
 @inline
 def point_slope(p, z, c, fraction, h, C):
     """Return the point's part of the slope of the convex function at a fraction of the pass [W]."""
-    uk, r = load3(C, c, UK), load3(C, c, RHO)
-    move = sub(load3(C, c, UN), uk)
-    f = point_force(p, z, add(uk, scale(move, fraction)), c, h, C)
+    return force_slope(point_force(p, z, velocity_at(c, fraction, C), c, h, C), c, fraction, C)
+
+
+@inline
+def velocity_at(c, fraction, C):
+    """Return the velocity of the point c at a fraction of the pass, in its axes [m/s]."""
+    uk = load3(C, c, UK)
+    return add(uk, scale(sub(load3(C, c, UN), uk), fraction))
+
+
+@inline
+def force_slope(f, c, fraction, C):
+    """Do as `point_slope` with the force f there, or with a moment."""
+    move, r = sub(load3(C, c, UN), load3(C, c, UK)), load3(C, c, RHO)
     inertial = add(r, scale(sub(load3(C, c, FL), r), fraction))
     return dot(move, sub(inertial, f))
 
@@ -260,6 +276,31 @@ def fold_contacts(contact, step, h):
 @inline
 def fold_point(c, k, on, frame, h, W, C):
     """Add one point: S = n n' cn + (tangents), K = h S about the point, moved to the origin."""
+    (K0, K1, K2, K3, K4, K5), f = slopes_and_force(c, frame, h, C)
+    p = load3(C, c, XP)
+    x, y, z = cross(p, (K0, K1, K2)), cross(p, (K1, K3, K4)), cross(p, (K2, K4, K5))  # columns of p x K
+    Jx, Jy = cross(p, (x[0], y[0], z[0])), cross(p, (x[1], y[1], z[1]))
+    Jz = cross(p, (x[2], y[2], z[2]))
+    m = cross(p, f)
+    _put(W, k, on, SJ, (Jx[0], Jx[1], Jx[2], Jy[1], Jy[2], Jz[2]))
+    _put(W, k, on, SH, (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]))
+    _put(W, k, on, SM, (K0, K1, K2, K3, K4, K5))
+    _put(W, k, on, SF, (m[0], m[1], m[2], f[0], f[1], f[2]))
+    W[k, TOUCH] = select(on, 1.0, W[k, TOUCH])
+
+
+@inline
+def fold_moment(c, k, on, frame, h, W, C):
+    """Add a moment and its slopes, which act on the angular velocity alone."""
+    K, m = slopes_and_force(c, frame, h, C)
+    _put(W, k, on, SJ, K)
+    _put(W, k, on, SF, m)
+    W[k, TOUCH] = select(on, 1.0, W[k, TOUCH])
+
+
+@inline
+def slopes_and_force(c, frame, h, C):
+    """Return h times the slopes of a point (xx, xy, xz, yy, yz, zz) and its force at the predicted velocity (3)."""
     n, t, s = frame
     cn, c11, c12, c22 = C[c, CN], C[c, C1], C[c, C2], C[c, C3]
     a = (h * cn * n[0], h * cn * n[1], h * cn * n[2])
@@ -271,10 +312,6 @@ def fold_point(c, k, on, frame, h, W, C):
     K3 = a[1] * n[1] + b[1] * t[1] + d[1] * s[1]
     K4 = a[1] * n[2] + b[1] * t[2] + d[1] * s[2]
     K5 = a[2] * n[2] + b[2] * t[2] + d[2] * s[2]
-    p = load3(C, c, XP)
-    x, y, z = cross(p, (K0, K1, K2)), cross(p, (K1, K3, K4)), cross(p, (K2, K4, K5))  # columns of p x K
-    Jx, Jy = cross(p, (x[0], y[0], z[0])), cross(p, (x[1], y[1], z[1]))
-    Jz = cross(p, (x[2], y[2], z[2]))
     e = sub(load3(C, c, UK), load3(C, c, U0))
     fn = C[c, FK] + cn * e[0]
     f1 = C[c, FK + 1] + (c11 * e[1] + c12 * e[2])
@@ -284,12 +321,7 @@ def fold_point(c, k, on, frame, h, W, C):
         fn * n[1] + f1 * t[1] + f2 * s[1],
         fn * n[2] + f1 * t[2] + f2 * s[2],
     )
-    m = cross(p, f)
-    _put(W, k, on, SJ, (Jx[0], Jx[1], Jx[2], Jy[1], Jy[2], Jz[2]))
-    _put(W, k, on, SH, (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]))
-    _put(W, k, on, SM, (K0, K1, K2, K3, K4, K5))
-    _put(W, k, on, SF, (m[0], m[1], m[2], f[0], f[1], f[2]))
-    W[k, TOUCH] = select(on, 1.0, W[k, TOUCH])
+    return (K0, K1, K2, K3, K4, K5), f
 
 
 @inline

@@ -47,8 +47,11 @@ from .contact import (
     UK,
     UN,
     XP,
+    compare_force,
     compare_point,
+    fold_moment,
     fold_point,
+    force_slope,
     friction_force,
     linearize_point,
     normal_force,
@@ -56,6 +59,7 @@ from .contact import (
     point_slope,
     shift_point,
     solve_point,
+    velocity_at,
 )
 from .ground import AXES
 
@@ -79,6 +83,13 @@ PAIR = record(
     tangential_damping=float,  # [N s/m]
 )
 
+TURNING = record(
+    torsional=float,  # limit of the moment about the normal by the normal force [m]
+    rolling=float,  # and of that across it [m]
+    tangential_stiffness=float,  # [N m/rad]
+    tangential_damping=float,  # [N m s/rad]
+)
+
 
 @structure
 class Pairs(NamedTuple):
@@ -91,20 +102,23 @@ class Pairs(NamedTuple):
     radius: np.ndarray  # (trees,) bound of the distance from a tree's base to any point of its shapes [m]
     slots: np.ndarray  # (2,) slots of the pool; points between bodies that can move, of which so many act at once
     margin: float  # the depth at which a pair rests under its load [m]: gaps below it are looked at
+    turning: np.ndarray | None  # (pairs,) TURNING; None where no pair resists rolling or spinning
 
 
 @structure
 class Pool(NamedTuple):
     """Scratch arrays of the pairs."""
 
-    C: np.ndarray  # (slots, COLUMNS): points, of the columns of contact.py and those below
-    pair: np.ndarray  # (slots,) row of the pair that has the slot
-    count: np.ndarray  # (3,) slots in use, islands, most slots that were in use
+    # Points, and after the last slot their moments, where any pair has some: the same columns, of angles and moments.
+    C: np.ndarray  # (rows, COLUMNS): of the columns of contact.py and those below
+    pair: np.ndarray  # (rows,) row of the pair that has the slot
+    count: np.ndarray  # (4,) points, islands, slots in use, most slots that were in use
+    placed: np.ndarray  # (rows,) those of the points and moments
     # Islands: trees that touch each other, by tree_a of their points; see step/island.py.
     parent: np.ndarray  # (trees,)
     trees: np.ndarray  # (trees,) numbers of trees, one island after the other
     first_tree: np.ndarray  # (trees + 1,) of each island
-    points: np.ndarray  # (slots,) slots of points at work, one island after the other
+    points: np.ndarray  # (rows,) points and moments at work, one island after the other
     first_point: np.ndarray  # (trees + 1,) of each island
     island: np.ndarray  # (trees + 1,) of each tree; scratch of counting before
     label: np.ndarray  # (trees,) island of each tree by lane: its first tree
@@ -128,8 +142,8 @@ class Pool(NamedTuple):
     old: np.ndarray  # (slots, 6)
 
     SHARED = (
-        "pair", "count", "parent", "trees", "first_tree", "points", "first_point", "island", "row_point", "envelope",
-        "manifold", "bench", "poses", "narrow", "old",
+        "pair", "count", "placed", "parent", "trees", "first_tree", "points", "first_point", "island", "row_point",
+        "envelope", "manifold", "bench", "poses", "narrow", "old",
     )  # fmt: skip
 
 
@@ -157,7 +171,7 @@ def place_pairs(pairs, predicted, step, lookahead_time):
     W is that of a time [s] after the step's start: what the gap has changed since then is taken back.
     """
     y, offsets, pool, width = step.y, step.offsets, step.pool, width_of(step.y)
-    numbers, slots, c = flat(y), len(pool.pair), 0
+    numbers, slots, c, placed = flat(y), len(pool.old), 0, 0
     while c < slots:
         k = int(numbers[(offsets.pair + c) * width]) - 1
         if k < 0:
@@ -166,13 +180,17 @@ def place_pairs(pairs, predicted, step, lookahead_time):
         for j in range(pair.slots):
             pool.pair[c + j] = k
         _clear(pool.C, c, pair.slots)
+        _clear_moments(pairs.turning, pool, c, pair.slots)
         pool.C[c, U0] = step.h_implicit  # by lane
         for lane in range(width):
             _place_in_lane(pairs, pair, predicted, step, c, lane, width)
         for j in range(pair.slots):
             _finish(pair, step, c + j, lookahead_time, pairs.margin)
+            pool.placed[placed] = c + j
+            placed = _finish_moment(pairs.turning, pair, step, c + j, placed + 1)
         c += pair.slots
-    pool.count[0] = c
+    pool.count[0] = placed
+    pool.count[2] = c
 
 
 @inline
@@ -259,7 +277,7 @@ def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
         store9(poses, 1, 0, Eb)
         store3(poses, 1, 9, rb)
         found = call_entry(pool.narrow, (pairs.shapes, pair.a, pair.b, poses, far, pool.bench, pool.manifold))
-    _keep_features(pair, step, c, lane, width, found)
+    _keep_features(pairs.turning, pair, step, c, lane, width, found)
     C = flat(pool.C)
     for m in range(found):
         j = int(pool.old[m, 0])
@@ -328,7 +346,7 @@ def _tangent(n):
 
 
 @kernel
-def _keep_features(pair, step, c, lane, width, found):
+def _keep_features(turning, pair, step, c, lane, width, found):
     """Give each of the points found a slot of the pair, old[m, 0]: that of its feature, else one that is free.
 
     What has gone leaves its slot, with its bristle.
@@ -353,6 +371,9 @@ def _keep_features(pair, step, c, lane, width, found):
                 y[(o.pair_feature + c + j) * width + lane] = pool.manifold[m, 7] + 1.0
                 for k in range(3):
                     y[(o.pair_deflection + 3 * (c + j) + k) * width + lane] = 0.0
+                if turning is not None:
+                    for k in range(4):
+                        y[(o.pair_turning + 4 * (c + j) + k) * width + lane] = 0.0
 
 
 @inline
@@ -385,16 +406,75 @@ def _finish(pair, step, c, lookahead_time, margin):
     near = gap < margin + 2.0 * (h * sqrt(dot(v, v)))
     C[c, ON] = select(near, 1.0 + zero, zero)
     C[c, DEPTH] = select(near, lookahead_time * u[0] - gap, zero - FAR)
-    z = rotate(_frame_b(pair, W), _deflection(y, o, c))
-    size, z1, z2 = sqrt(dot(z, z)), dot(t, z), dot(s, z)
-    flat_size = sqrt(z1 * z1 + z2 * z2)
-    turns = STRETCH * flat_size > size
-    ratio = select(turns, size / select(turns, flat_size, 1.0 + zero), STRETCH + zero)
-    C[c, Z] = select(near, z1 * ratio, zero)
-    C[c, Z + 1] = select(near, z2 * ratio, zero)
+    C[c, Z], C[c, Z + 1] = _in_plane(_deflection(y, o, c), _frame_b(pair, W), t, s, near)
     predicted_force, _ = normal_force(pair, C[c, DEPTH], u[0], h)
     last = y[o.pair_normal_force + c]
     C[c, LIMIT] = select(near, pair.friction * select(last > 0.0, last, predicted_force), zero)
+
+
+@inline
+def _clear_moments(turning, pool, c, count):
+    """Set the moments of points to none."""
+    if turning is not None:
+        _clear(pool.C, len(pool.old) + c, count)
+
+
+@inline
+def _finish_moment(turning, pair, step, c, placed):
+    """Fill the angular velocity, bristle and limits of the moment of the point c; return the count of what is placed.
+
+    Of a moment Z is the bristle of rolling, XB that of spinning, and DEPTH the limit of spinning.
+    """
+    if turning is not None:
+        pool, C, W, y, at = step.pool, step.pool.C, step.W, step.y, step.offsets.pair_turning + 4 * c
+        row = len(pool.old) + c
+        pool.pair[row], pool.placed[placed] = pool.pair[c], row
+        placed += 1
+        law, pair_frame = turning[pool.pair[c]], _frame_b(pair, W)
+        for k in range(9):
+            C[row, AXES + k] = C[c, AXES + k]
+        n, t, s = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+        w = sub(load3(W, pair.body_a, V), _turning_of_b(pair, W))
+        u = (dot(n, w), dot(t, w), dot(s, w))
+        store3(C, row, U0, u)
+        store3(C, row, UK, u)
+        zero, on = 0.0 * C[c, ON], C[c, ON] > 0.0
+        C[row, ON] = C[c, ON]
+        C[row, Z], C[row, Z + 1] = _in_plane((y[at], y[at + 1], y[at + 2]), pair_frame, t, s, on)
+        C[row, XB] = select(on, y[at + 3], zero)
+        predicted_force, _ = normal_force(pair, C[c, DEPTH], C[c, U0], step.h_implicit)
+        last = y[step.offsets.pair_normal_force + c]
+        load = select(on, select(last > 0.0, last, predicted_force), zero)
+        C[row, LIMIT], C[row, DEPTH] = law.rolling * load, law.torsional * load
+    return placed
+
+
+@inline
+def _turning_of_b(pair, W):
+    """Return the angular velocity of body b [rad/s]."""
+    if pair.tree_b < 0:
+        zero = 0.0 * W[0, R]
+        return (zero, zero, zero)
+    return load3(W, pair.body_b, V)
+
+
+@inline
+def _in_plane(m, frame, t, s, on):
+    """Return a bristle m, kept in the frame of body b, turned into the tangent plane with its length."""
+    z = rotate(frame, m)
+    size, z1, z2 = sqrt(dot(z, z)), dot(t, z), dot(s, z)
+    zero, flat_size = 0.0 * size, sqrt(z1 * z1 + z2 * z2)
+    turns = STRETCH * flat_size > size
+    ratio = select(turns, size / select(turns, flat_size, 1.0 + zero), STRETCH + zero)
+    return select(on, z1 * ratio, zero), select(on, z2 * ratio, zero)
+
+
+@inline
+def is_moment(turning, pool, c):
+    """Return whether c is not a point but the moment of one."""
+    if turning is None:
+        return False
+    return c >= len(pool.old)
 
 
 @inline
@@ -419,10 +499,36 @@ def is_near(pool, c):
 
 
 @inline
-def linearize_pair(pair, step, c):
-    """Fill force, slopes and their factor of the point c, zero in lanes where it is far."""
+def moment(law, u, c, h, C):
+    """Return the moment (3) of the law at the angular velocity u, in its axes [N m], and its slopes (4) [N m s].
+
+    Also whether it spins and rolls at the limits.
+    """
+    stiffness, zero, limit = h * law.tangential_stiffness + law.tangential_damping, 0.0 * u[0], C[c, DEPTH]
+    m = -law.tangential_stiffness * C[c, XB] - stiffness * u[0]
+    spins = abs(m) > limit
+    m = select(spins, select(m > 0.0, limit, -limit), m)
+    cn = select(spins | (limit <= 0.0), zero, stiffness + zero)
+    f, slope, rolls = friction_force(law, bristle(C, c), u, C[c, LIMIT], h)
+    some = C[c, LIMIT] > 0.0
+    slope = (select(some, slope[0], zero), select(some, slope[1], zero), select(some, slope[2], zero))
+    return (m, f[0], f[1]), (cn, slope[0], slope[1], slope[2]), spins, rolls
+
+
+@inline
+def linearize_pair(turning, pair, step, c):
+    """Fill force, slopes and their factor of the point or moment c, zero in lanes where it is far."""
     C, h = step.pool.C, step.h_implicit
-    linearize_point(pair, bristle(C, c), c, h, C)
+    if turning is None:
+        linearize_point(pair, bristle(C, c), c, h, C)
+    else:
+        if is_moment(turning, step.pool, c):
+            m, slopes, _, _ = moment(turning[step.pool.pair[c]], load3(C, c, UK), c, h, C)
+            store3(C, c, FK, m)
+            for k in range(4):
+                C[c, CN + k] = slopes[k]
+        else:
+            linearize_point(pair, bristle(C, c), c, h, C)
     on = C[c, ON] > 0.0
     zero = 0.0 * C[c, ON]
     for k in range(3):
@@ -449,35 +555,60 @@ def clear_own_row(pair, W):
 
 
 @inline
-def fold_pair(pair, step, c):
-    """Sum h J' C J and the force of a point on a body that cannot move into the row of body a."""
+def fold_pair(turning, pair, step, c):
+    """Sum h J' C J and the force of a point, or a moment, on a body that cannot move into the row of body a."""
     C, W = step.pool.C, step.W
     axes = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
-    fold_point(c, pair.row_a, C[c, ON] > 0.0, axes, step.h_implicit, W, C)
+    if is_moment(turning, step.pool, c):
+        fold_moment(c, pair.row_a, C[c, ON] > 0.0, axes, step.h_implicit, W, C)
+    else:
+        fold_point(c, pair.row_a, C[c, ON] > 0.0, axes, step.h_implicit, W, C)
 
 
 @inline
-def solve_pair(pair, step, c):
-    """Fill velocity and the linear model's force of the point c at the solution's dA."""
+def solve_pair(turning, pair, step, c):
+    """Fill velocity and the linear model's force of the point or moment c at the solution's dA."""
+    C = step.pool.C
+    axes = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+    solve_point(axes, _change_of(turning, pair, step, c), c, step.h_implicit, C)
+
+
+@inline
+def _change_of(turning, pair, step, c):
+    """Return what dA adds to the relative acceleration of the point c, of a moment to the angular one."""
     W, C = step.W, step.pool.C
+    if is_moment(turning, step.pool, c):
+        turn = load3(W, pair.body_a, U)
+        if pair.folded == 0:
+            turn = sub(turn, load3(W, pair.body_b, U))
+        return turn
     a = add(load3(W, pair.body_a, U + 3), cross(load3(W, pair.body_a, U), load3(C, c, XP)))
     if pair.folded == 0:
         xb = load3(C, c, XB)
         a = sub(a, add(load3(W, pair.body_b, U + 3), cross(load3(W, pair.body_b, U), xb)))
-    solve_point((load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)), a, c, step.h_implicit, C)
+    return a
 
 
 @inline
-def compare_pair(pair, step, c, wrong, slope):
+def compare_pair(turning, pair, step, c, wrong, slope):
     """Do as `compare_point`."""
     C = step.pool.C
+    if turning is not None:
+        if is_moment(turning, step.pool, c):
+            m, _, _, _ = moment(turning[step.pool.pair[c]], load3(C, c, UN), c, step.h_implicit, C)
+            return compare_force(m, c, step, C, wrong, slope)
     return compare_point(pair, bristle(C, c), c, step, C, wrong, slope)
 
 
 @inline
-def pair_slope(pair, step, c, fraction):
+def pair_slope(turning, pair, step, c, fraction):
     """Do as `point_slope`."""
     C = step.pool.C
+    if turning is not None:
+        if is_moment(turning, step.pool, c):
+            u = velocity_at(c, fraction, C)
+            m, _, _, _ = moment(turning[step.pool.pair[c]], u, c, step.h_implicit, C)
+            return force_slope(m, c, fraction, C)
     return point_slope(pair, bristle(C, c), c, fraction, step.h_implicit, C)
 
 
@@ -490,23 +621,58 @@ def shift_pair(pool, c, fraction, active):
 @if_present()
 def move_pairs(pairs, step):
     """Move bristles and forces of all pairs, and their work, to the end of the step."""
-    y, o, pool, C, h, W = step.y, step.offsets, step.pool, step.pool.C, step.h_implicit, step.W
-    for c in range(pool.count[0]):
-        pair, u, z = pairs.pairs[pool.pair[c]], load3(C, c, UN), bristle(C, c)
-        f = point_force(pair, z, u, c, h, C)
-        on, zero = C[c, ON] > 0.0, 0.0 * C[c, ON]
-        y[o.pair_work] += step.h * select(on, dot(f, u), zero)
-        _, _, slips = friction_force(pair, z, u, C[c, LIMIT], h)
-        kt, dt = pair.tangential_stiffness, pair.tangential_damping
-        kappa = 1.0 / (h * kt + dt)
-        m1 = select(slips, (dt * z[0] - h * f[1]) * kappa, z[0] + h * u[1])
-        m2 = select(slips, (dt * z[1] - h * f[2]) * kappa, z[1] + h * u[2])
-        m1, m2 = z[0] + (m1 - z[0]) * (1.0 / step.theta), z[1] + (m2 - z[1]) * (1.0 / step.theta)
-        t, s = load3(C, c, AXES + 3), load3(C, c, AXES + 6)
-        m = rotate_back(_frame_b(pair, W), add(scale(t, m1), scale(s, m2)))
+    for i in range(step.pool.count[0]):
+        c = step.pool.placed[i]
+        pair = pairs.pairs[step.pool.pair[c]]
+        if is_moment(pairs.turning, step.pool, c):
+            _move_moment(pairs.turning, pair, step, c)
+        else:
+            _move_point(pair, step, c)
+
+
+@inline
+def _move_point(pair, step, c):
+    """Move the bristle of the point c, its force and its work."""
+    y, o, C, h = step.y, step.offsets, step.pool.C, step.h_implicit
+    u, z = load3(C, c, UN), bristle(C, c)
+    f = point_force(pair, z, u, c, h, C)
+    on, zero = C[c, ON] > 0.0, 0.0 * C[c, ON]
+    y[o.pair_work] += step.h * select(on, dot(f, u), zero)
+    _, _, slips = friction_force(pair, z, u, C[c, LIMIT], h)
+    m = _moved(pair, pair, slips, (f[1], f[2]), step, c)
+    for k in range(3):
+        y[o.pair_deflection + 3 * c + k] = select(on, m[k], zero)
+    _record(pair, step, c, f)
+
+
+@inline
+def _moved(law, pair, slips, f, step, c):
+    """Return the bristle of the point or moment c at the end of the step, in the frame of body b; f: its force (2)."""
+    C, h, z = step.pool.C, step.h_implicit, bristle(step.pool.C, c)
+    kt, dt = law.tangential_stiffness, law.tangential_damping
+    kappa = 1.0 / (h * kt + dt)
+    m1 = select(slips, (dt * z[0] - h * f[0]) * kappa, z[0] + h * C[c, UN + 1])
+    m2 = select(slips, (dt * z[1] - h * f[1]) * kappa, z[1] + h * C[c, UN + 2])
+    m1, m2 = z[0] + (m1 - z[0]) * (1.0 / step.theta), z[1] + (m2 - z[1]) * (1.0 / step.theta)
+    t, s = load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+    return rotate_back(_frame_b(pair, step.W), add(scale(t, m1), scale(s, m2)))
+
+
+@inline
+def _move_moment(turning, pair, step, c):
+    """Move the bristles of the moment c, and its work."""
+    if turning is not None:
+        y, C, h, law = step.y, step.pool.C, step.h_implicit, turning[step.pool.pair[c]]
+        at, u = step.offsets.pair_turning + 4 * (c - len(step.pool.old)), load3(C, c, UN)
+        m, _, spins, rolls = moment(law, u, c, h, C)
+        on, zero, x = C[c, ON] > 0.0, 0.0 * C[c, ON], C[c, XB]
+        y[step.offsets.pair_work] += step.h * select(on, dot(m, u), zero)
+        z = _moved(law, pair, rolls, (m[1], m[2]), step, c)
         for k in range(3):
-            y[o.pair_deflection + 3 * c + k] = select(on, m[k], zero)
-        _record(pair, step, c, f)
+            y[at + k] = select(on, z[k], zero)
+        kt, dt = law.tangential_stiffness, law.tangential_damping
+        moved = select(spins, (dt * x - h * m[0]) * (1.0 / (h * kt + dt)), x + h * u[0])
+        y[at + 3] = select(on, x + (moved - x) * (1.0 / step.theta), zero)
 
 
 @inline
@@ -535,10 +701,14 @@ def pair_rates(pairs, step, dy):
             W[pairs.own_rows[k], j] = 0.0
     dy[o.pair_work] = 0.0 * y[o.pair_work]
     place_pairs(pairs, None, step, 0.0)
-    for c in range(3 * pool.count[0], 3 * pool.count[2]):  # rates of before
+    pool.count[3] = max(pool.count[2], pool.count[3])
+    for c in range(3 * pool.count[3]):  # rates of before
         dy[o.pair_deflection + c] = 0.0 * y[o.pair_deflection + c]
-    pool.count[2] = max(pool.count[0], pool.count[2])
-    for c in range(pool.count[0]):
+    _still_moments(pairs.turning, step, dy)
+    for i in range(pool.count[0]):
+        c = pool.placed[i]
+        if is_moment(pairs.turning, pool, c):
+            continue
         pair, u, z = pairs.pairs[pool.pair[c]], load3(C, c, U0), bristle(C, c)
         fn, _ = normal_force(pair, C[c, DEPTH], u[0], 0.0)
         f, _, slips = friction_force(pair, z, u, pair.friction * fn, 0.0)
@@ -559,6 +729,50 @@ def pair_rates(pairs, step, dy):
             _press(pair.row_a, on, load3(C, c, XP), force, W)
             if pair.row_b > 0:
                 _press(pair.row_b, on, load3(C, c, XB), scale(force, -1.0), W)
+        _moment_rates(pairs.turning, pair, step, dy, c, fn)
+
+
+@inline
+def _still_moments(turning, step, dy):
+    """Clear the rates of the bristles of moments."""
+    if turning is not None:
+        for c in range(4 * step.pool.count[3]):
+            dy[step.offsets.pair_turning + c] = 0.0 * step.y[step.offsets.pair_turning + c]
+
+
+@inline
+def _moment_rates(turning, pair, step, dy, point, fn):
+    """Fill the rates of the bristles of the moment of a point, its power, and add it to the rows of the bodies."""
+    if turning is not None:
+        y, C, W, law = step.y, step.pool.C, step.W, turning[step.pool.pair[point]]
+        c, at = len(step.pool.old) + point, step.offsets.pair_turning + 4 * point
+        C[c, LIMIT], C[c, DEPTH] = law.rolling * fn, law.torsional * fn
+        u, z, x = load3(C, c, U0), bristle(C, c), C[c, XB]
+        m, _, spins, rolls = moment(law, u, c, 0.0, C)
+        kt, dt, zero, near = law.tangential_stiffness, law.tangential_damping, 0.0 * fn, C[c, ON] > 0.0
+        m1 = select(rolls, -(m[1] + kt * z[0]) / dt, u[1])
+        m2 = select(rolls, -(m[2] + kt * z[1]) / dt, u[2])
+        C[c, FK + 1], C[c, FK + 2] = m1, m2
+        kept = (y[at], y[at + 1], y[at + 2])
+        rate = rotate_back(_frame_b(pair, W), _turned_rate(rotate(_frame_b(pair, W), kept), z, m1, m2, c, C))
+        for k in range(3):
+            dy[at + k] = select(near, rate[k], zero)
+        dy[at + 3] = select(near, select(spins, -(m[0] + kt * x) / dt, u[0]), zero)
+        on = fn > 0.0
+        dy[step.offsets.pair_work] += select(on, dot(m, u), zero)
+        n, t, s = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+        world = add(scale(n, m[0]), add(scale(t, m[1]), scale(s, m[2])))
+        if any_lane(on):
+            _turn(pair.row_a, on, world, W)
+            if pair.row_b > 0:
+                _turn(pair.row_b, on, scale(world, -1.0), W)
+
+
+@inline
+def _turn(k, on, m, W):
+    """Add a moment to a contact row, in the lanes where it acts."""
+    for j in range(3):
+        W[k, SF + j] = select(on, W[k, SF + j] + m[j], W[k, SF + j])
 
 
 @inline
@@ -584,16 +798,29 @@ def flatten_bristles(pairs, scratch, offsets, y, dy):
     Between steps the planes turn in the bodies; a bristle far out of its plane would be turned the other way.  What a
     point has left behind in its slot goes: within a step the next one there would begin with it.
     """
-    pool, W, C = scratch.pool, scratch.W, scratch.pool.C
-    for c in range(pool.count[0]):
-        pair, on, z, at = pairs.pairs[pool.pair[c]], C[c, ON] > 0.0, bristle(C, c), offsets.pair_deflection + 3 * c
-        t, s, frame = load3(C, c, AXES + 3), load3(C, c, AXES + 6), _frame_b(pair, W)
-        m = rotate_back(frame, add(scale(t, z[0]), scale(s, z[1])))
-        rate = rotate_back(frame, add(scale(t, C[c, FK + 1]), scale(s, C[c, FK + 2])))
-        gone = y[offsets.pair_feature + c] == 0.0
-        for k in range(3):
-            y[at + k] = select(on, m[k], select(gone, 0.0 * m[k], y[at + k]))
-            dy[at + k] = select(on, rate[k], dy[at + k])
+    pool = scratch.pool
+    for i in range(pool.count[0]):
+        c = pool.placed[i]
+        pair, at, feature = pairs.pairs[pool.pair[c]], offsets.pair_deflection + 3 * c, offsets.pair_feature + c
+        if is_moment(pairs.turning, pool, c):
+            feature = feature - len(pool.old)
+            at = offsets.pair_turning + 4 * (c - len(pool.old))
+        _flatten(pair, scratch, at, c, (y, dy), y[feature] == 0.0)
+        if is_moment(pairs.turning, pool, c):
+            y[at + 3] = select(y[feature] == 0.0, 0.0 * y[at + 3], y[at + 3])
+
+
+@inline
+def _flatten(pair, scratch, at, c, both, gone):
+    """Turn a bristle, three numbers of the state from `at` on, and its rate; gone: whether its point has left."""
+    C, (y, dy) = scratch.pool.C, both
+    on, z = C[c, ON] > 0.0, bristle(C, c)
+    t, s, frame = load3(C, c, AXES + 3), load3(C, c, AXES + 6), _frame_b(pair, scratch.W)
+    m = rotate_back(frame, add(scale(t, z[0]), scale(s, z[1])))
+    rate = rotate_back(frame, add(scale(t, C[c, FK + 1]), scale(s, C[c, FK + 2])))
+    for k in range(3):
+        y[at + k] = select(on, m[k], select(gone, 0.0 * m[k], y[at + k]))
+        dy[at + k] = select(on, rate[k], dy[at + k])
 
 
 @inline
@@ -607,9 +834,14 @@ def _press(k, on, x, f, W):
 
 
 @inline
-def pair_branch(pair, step, c):
-    """Return whether the point c pushes: 0 no, 1 it sticks, 2 it slips."""
+def pair_branch(turning, pair, step, c):
+    """Return whether the point c pushes: 0 no, 1 it sticks, 2 it slips; of a moment those of both."""
     C, u = step.pool.C, load3(step.pool.C, c, UN)
+    if turning is not None:
+        if is_moment(turning, step.pool, c):
+            _, _, spins, rolls = moment(turning[step.pool.pair[c]], u, c, step.h_implicit, C)
+            no = 0.0 * u[0]
+            return select(spins, 1.0 + no, no) + select(rolls, 2.0 + no, no)
     fn, _ = normal_force(pair, C[c, DEPTH], u[0], step.h_implicit)
     _, _, slips = friction_force(pair, bristle(C, c), u, C[c, LIMIT], step.h_implicit)
     one = 1.0 + 0.0 * fn

@@ -181,7 +181,7 @@ def _begin_stage(floating, contact, pairs, run, y, h, k):
         for i in range(3 * len(contact.points)):
             y[offsets.contact_force + i] = 0.0  # friction is limited by the predicted normal force
     if pairs is not None:
-        for i in range(len(work.scratch.pool.pair)):
+        for i in range(len(work.scratch.pool.old)):
             y[offsets.pair_normal_force + i] = 0.0
     if floating is not None:
         for i in range(6 * base_count(run.scene.trees)):

@@ -154,7 +154,7 @@ def extrapolate(work, run, y, t, length):
 def _keep_features(pairs, run, y):
     """Take over which features of pairs have which slots, as the last column found them."""
     start = run.offsets[0].pair_feature
-    for i in range(start, start + len(run.work.columns.pool.pair)):
+    for i in range(start, start + len(run.work.columns.pool.old)):
         y[i] = run.work.columns.y[i, 0]
 
 

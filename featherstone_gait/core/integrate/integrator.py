@@ -130,7 +130,11 @@ def pool_of(sizes: Sizes, zeros) -> Pool | None:
     if sizes.pairs is None:
         return None
     slots, points, trees = int(sizes.pairs.slots[0]), int(sizes.pairs.slots[1]), sizes.trees
-    rows = 3 * points
+    if sizes.pairs.turning is None:
+        per_slot = 1
+    else:
+        per_slot, points = 2, 2 * points
+    rows, placed = 3 * points, per_slot * slots
 
     def whole(size):
         return np.zeros(size, np.int64)
@@ -139,8 +143,9 @@ def pool_of(sizes: Sizes, zeros) -> Pool | None:
     narrow = address_of(contacts_at, sizes.pairs.shapes, 0, 0, poses, 0.0, sizes.bench, manifold)
 
     return Pool(
-        C=zeros((slots, PAIR_SCRATCH)), pair=whole(slots), count=whole(3), parent=whole(trees), trees=whole(trees),
-        first_tree=whole(trees + 1), points=whole(slots), first_point=whole(trees + 1), island=whole(trees),
+        C=zeros((placed, PAIR_SCRATCH)), pair=whole(placed), count=whole(4), placed=whole(placed), parent=whole(trees),
+        trees=whole(trees), first_tree=whole(trees + 1), points=whole(placed), first_point=whole(trees + 1),
+        island=whole(trees),
         label=zeros(trees), at_work=zeros(trees), wrong=zeros(trees), slope=zeros(trees), fraction=zeros(trees),
         shared=zeros(trees), row_point=whole(points), envelope=whole(points),
         responses=zeros((rows, 2, sizes.largest)), roots=zeros((rows, 2, SIDE)), matrix=zeros((rows, rows)),

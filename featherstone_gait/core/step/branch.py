@@ -31,9 +31,10 @@ def branches(contact, pairs, step):
         for c in range(len(contact.points)):
             key = key + _weight(3 * n + c) * contact_branch(contact, step, c)
     if pairs is not None:
-        for c in range(step.pool.count[0]):
+        for i in range(step.pool.count[0]):
+            c = step.pool.placed[i]
             pair = pairs.pairs[step.pool.pair[c]]
-            key = key + _weight(3 * n + 1000 + c) * pair_branch(pair, step, c)
+            key = key + _weight(3 * n + 1000 + c) * pair_branch(pairs.turning, pair, step, c)
     return key
 
 
@@ -49,7 +50,8 @@ def branches_at_start(contact, pairs, step):
     _begin(step.scene.trees, contact, step)
     if pairs is not None:
         place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
-        for c in range(step.pool.count[0]):
+        for i in range(step.pool.count[0]):
+            c = step.pool.placed[i]
             for k in range(3):
                 step.pool.C[c, UN + k] = step.pool.C[c, U0 + k]
     return branches(contact, pairs, step)

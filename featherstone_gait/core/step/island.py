@@ -29,6 +29,7 @@ from ..effects.pair import (
     clear_own_row,
     compare_pair,
     fold_pair,
+    is_moment,
     is_near,
     linearize_pair,
     pair_slope,
@@ -37,7 +38,7 @@ from ..effects.pair import (
     solve_pair,
 )
 from ..tree.aba import acceleration_pass
-from ..tree.rows import acceleration_along, add_force, answer_root, apply_row, clear_row, product
+from ..tree.rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, product
 from ..tree.spatial import load3, scale, sub
 from .context import of_tree
 from .newton import (
@@ -96,7 +97,8 @@ def find_islands(pairs, step):
     pool, count = step.pool, len(step.scene.trees)
     for k in range(count):
         pool.parent[k] = k
-    for c in range(pool.count[0]):
+    for i in range(pool.count[0]):
+        c = pool.placed[i]
         pair = pairs.pairs[pool.pair[c]]
         if pair.folded == 0 and is_near(pool, c):
             a, b = _root_of(pool.parent, pair.tree_a), _root_of(pool.parent, pair.tree_b)
@@ -112,7 +114,8 @@ def find_islands(pairs, step):
     pool.count[1] = islands
     for k in range(count):
         pool.first_tree[pool.island[k]] += 1
-    for c in range(pool.count[0]):
+    for i in range(pool.count[0]):
+        c = pool.placed[i]
         if is_near(pool, c):
             pool.first_point[pool.island[pairs.pairs[pool.pair[c]].tree_a]] += 1
     _ends(pool.first_tree, islands)
@@ -122,7 +125,7 @@ def find_islands(pairs, step):
         pool.first_tree[pool.island[k]] -= 1
         pool.trees[pool.first_tree[pool.island[k]]] = k
     for i in range(pool.count[0]):
-        c = pool.count[0] - 1 - i
+        c = pool.placed[pool.count[0] - 1 - i]
         if is_near(pool, c):
             n = pool.island[pairs.pairs[pool.pair[c]].tree_a]
             pool.first_point[n] -= 1
@@ -239,7 +242,7 @@ def _solve_linear(n, rotor, contact, pairs, step):
         acceleration_pass(scene.tree, part.part, step.W, step.Z[DA])
         fill_solution(rotor, part)
     for i in range(pool.first_point[n], pool.first_point[n + 1]):
-        solve_pair(pairs.pairs[pool.pair[pool.points[i]]], step, pool.points[i])
+        solve_pair(pairs.turning, pairs.pairs[pool.pair[pool.points[i]]], step, pool.points[i])
 
 
 @inline
@@ -248,12 +251,12 @@ def _fold_points(n, pairs, step):
     pool, first, end = step.pool, step.pool.first_point[n], step.pool.first_point[n + 1]
     for i in range(first, end):
         pair = pairs.pairs[pool.pair[pool.points[i]]]
-        linearize_pair(pair, step, pool.points[i])
+        linearize_pair(pairs.turning, pair, step, pool.points[i])
         clear_own_row(pair, step.W)
     for i in range(first, end):
         pair = pairs.pairs[pool.pair[pool.points[i]]]
         if pair.folded > 0:
-            fold_pair(pair, step, pool.points[i])
+            fold_pair(pairs.turning, pair, step, pool.points[i])
 
 
 @kernel
@@ -269,7 +272,7 @@ def _compare(n, rotor, contact, pairs, step):
         c = pool.points[i]
         pair = pairs.pairs[pool.pair[c]]
         t = pair.tree_a
-        wrong, slope = compare_pair(pair, step, c, zero > 1.0, pool.slope[t])
+        wrong, slope = compare_pair(pairs.turning, pair, step, c, zero > 1.0, pool.slope[t])
         on = pool.C[c, ON] > 0.0
         pool.wrong[t] = select(on & wrong, 1.0 + zero, pool.wrong[t])
         pool.slope[t] = select(on, slope, pool.slope[t])
@@ -297,7 +300,7 @@ def _line_search(n, rotor, contact, pairs, step):
             c = pool.points[i]
             pair = pairs.pairs[pool.pair[c]]
             t = pair.tree_a
-            more = pool.slope[t] + pair_slope(pair, step, c, pool.fraction[t])
+            more = pool.slope[t] + pair_slope(pairs.turning, pair, step, c, pool.fraction[t])
             pool.slope[t] = select(pool.C[c, ON] > 0.0, more, pool.slope[t])
         _share(n, pool.slope, step)
         for i in range(first, end):
@@ -372,9 +375,13 @@ def _respond(k, pairs, step):
         clear_row(a, tree, r + m, 0, pool.responses, pool.roots)
         if side == 1:
             clear_row(b, tree, r + m, 1, pool.responses, pool.roots)
-        add_force(tree, a, pair.body_a, load3(pool.C, c, XP), d, r + m, 0, W, pool.responses, pool.roots)
         back = scale(d, -1.0)
-        add_force(tree, b, pair.body_b, load3(pool.C, c, XB), back, r + m, side, W, pool.responses, pool.roots)
+        if is_moment(pairs.turning, pool, c):
+            add_moment(tree, a, pair.body_a, d, r + m, 0, W, pool.responses, pool.roots)
+            add_moment(tree, b, pair.body_b, back, r + m, side, W, pool.responses, pool.roots)
+        else:
+            add_force(tree, a, pair.body_a, load3(pool.C, c, XP), d, r + m, 0, W, pool.responses, pool.roots)
+            add_force(tree, b, pair.body_b, load3(pool.C, c, XB), back, r + m, side, W, pool.responses, pool.roots)
     answer_root(scene, a, True, r, 3, 0, W, pool.responses, pool.roots)
     if side == 1:
         answer_root(scene, b, True, r, 3, 1, W, pool.responses, pool.roots)

@@ -28,7 +28,7 @@ SPENDING = 8.0  # times what a step may spend: the radius of the pool
 LONGEST = 2e-2  # [s] for which a pool is renewed; steps with error control may be longer where nothing is near
 SHORTEST = 1e-6  # step [s] that is tried before a pool is said to be too small
 SEEN = 4.0  # times the resting depth
-KEPT = 6  # numbers of a slot that move with its pair: pair, feature, bristle, normal force
+KEPT = 10  # numbers of a slot that move with its pair: pair, feature, bristle, normal force, bristles of the moment
 
 
 @structure
@@ -45,7 +45,7 @@ def renew_pool(pairs, run, y, h, begins):
     o = run.offsets[0]
     fits, cost = True, spending(run, y, h)
     if begins or any_lane(y[o.pair_budget] < 2.0 * cost):
-        _keep(run, y)
+        _keep(pairs, run, y)
         fits = _renew_for(pairs, run, y, h)
     y[o.pair_budget] = y[o.pair_budget] - cost
     return fits
@@ -60,7 +60,7 @@ def longest_step(pairs, run, y, h, ahead):
     """
     o = run.offsets[0]
     if y[o.pair_budget] < 2.0 * spending(run, y, h):
-        _keep(run, y)
+        _keep(pairs, run, y)
         while not _renew_for(pairs, run, y, h):
             h = 0.5 * h
             if h < SHORTEST:
@@ -112,7 +112,7 @@ def _renew_for(pairs, run, y, h):
 
 
 @kernel
-def _keep(run, y):
+def _keep(pairs, run, y):
     """Find all poses, and copy what the slots hold."""
     scene, o, kept = run.scene, run.offsets[0], run.renewal.kept
     n = scene.trees[len(scene.trees) - 1].end_joint
@@ -124,6 +124,7 @@ def _keep(run, y):
         for k in range(3):
             kept[c, 2 + k] = y[o.pair_deflection + 3 * c + k]
         kept[c, 5] = y[o.pair_normal_force + c]
+        _keep_moment(pairs.turning, kept, c, o, y)
 
 
 @kernel
@@ -133,6 +134,7 @@ def _renew(pairs, run, y, radius):
     frames, kept = run.renewal.frames, run.renewal.kept
     slots, used, fits = len(kept), 0, True
     for c in range(slots):
+        _clear_moment(pairs.turning, c, o, y)
         y[o.pair + c] = 0.0
         y[o.pair_feature + c] = 0.0
         y[o.pair_normal_force + c] = 0.0
@@ -150,12 +152,28 @@ def _renew(pairs, run, y, radius):
                 fits = False
                 budget = select(gap < budget, gap, budget)
             else:
-                _take_over(k, pair.slots, used, kept, o, y, width)
+                _take_over(pairs.turning, k, pair.slots, used, kept, o, y, width)
                 used += pair.slots
         else:
             budget = select(gap < budget, gap, budget)
     y[o.pair_budget] = budget
     return fits
+
+
+@inline
+def _keep_moment(turning, kept, c, o, y):
+    """Copy the bristles of the moment of a slot."""
+    if turning is not None:
+        for k in range(4):
+            kept[c, 6 + k] = y[o.pair_turning + 4 * c + k]
+
+
+@inline
+def _clear_moment(turning, c, o, y):
+    """Clear the bristles of the moment of a slot."""
+    if turning is not None:
+        for k in range(4):
+            y[o.pair_turning + 4 * c + k] = 0.0
 
 
 @inline
@@ -181,7 +199,7 @@ def _pose(shape, tree, body, o, y, W):
 
 
 @inline
-def _take_over(k, count, used, kept, o, y, width):
+def _take_over(turning, k, count, used, kept, o, y, width):
     """Move what the slots of a pair held, in each lane, to those that it has now."""
     old, new = flat(kept), flat(y)
     for j in range(count):
@@ -195,4 +213,7 @@ def _take_over(k, count, used, kept, o, y, width):
                     for i in range(3):
                         new[(o.pair_deflection + 3 * (used + j) + i) * width + lane] = old[at + (2 + i) * width]
                     new[(o.pair_normal_force + used + j) * width + lane] = old[at + 5 * width]
+                    if turning is not None:
+                        for i in range(4):
+                            new[(o.pair_turning + 4 * (used + j) + i) * width + lane] = old[at + (6 + i) * width]
                 break

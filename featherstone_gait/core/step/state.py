@@ -24,7 +24,8 @@ from .pace import PACE
 
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
 Of = Literal[
-    "base", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot", "pairs"
+    "base", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot", "turning",
+    "pairs",
 ]  # fmt: skip
 
 
@@ -35,7 +36,7 @@ class Channel(NamedTuple):
     kind: Kind
     of: Of  # what has it: each floating base, joint, joint with a servo or rotor, contact point, tree, the run,
     # the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
-    # each slot for a point of a pair that touches, and all pairs together
+    # each slot for a point of a pair that touches, if any pair resists rolling, and all pairs together
     width: int  # numbers each
     unit: str
     what: str
@@ -58,6 +59,8 @@ CHANNELS = (
     Channel("filtered_speed", "controlled", "servo", 1, "rad/s or m/s", "joint velocities as the controller sees them"),
     Channel("tangential_deflection", "controlled", "point", 2, "m", "tangential deflection of a contact", _FORCE[1:]),
     Channel("pair_deflection", "controlled", "slot", 3, "m", "bristle of a pair, in its second body", tuple("xyz")),
+    Channel("pair_turning", "controlled", "turning", 4, "rad", "rolling of a pair, in its second body, and spinning",
+            (*"xyz", "spinning")),
     Channel("energy", "integrated", "joint", ENERGIES, "J", "where the energy of a joint went", _WORKS),
     Channel("contact_work", "integrated", "tree", 1, "J", "work of the ground on the robot"),
     Channel("pair_work", "integrated", "pairs", 1, "J", "work of the forces between bodies on both"),

@@ -39,9 +39,22 @@ def clear_row(part, tree, r, side, responses, roots):
 @kernel
 def add_force(tree, part, i, at, d, r, side, W, responses, roots):
     """Add a force d (3) [N] at the point `at` (3) [m] of body i, common frame, to the side of row r."""
-    root, _ = rows_of(part, tree)
     m = cross(at, d)
-    n, f = (-m[0], -m[1], -m[2]), (-d[0], -d[1], -d[2])
+    _add_wrench(tree, part, i, ((-m[0], -m[1], -m[2]), (-d[0], -d[1], -d[2])), r, side, W, responses, roots)
+
+
+@kernel
+def add_moment(tree, part, i, d, r, side, W, responses, roots):
+    """Add a moment d (3) [N m] on body i to the side of row r."""
+    zero = 0.0 * d[0]
+    _add_wrench(tree, part, i, ((-d[0], -d[1], -d[2]), (zero, zero, zero)), r, side, W, responses, roots)
+
+
+@inline
+def _add_wrench(tree, part, i, p, r, side, W, responses, roots):
+    """Take the bias force p that a force or moment on body i leaves to the root, common frame."""
+    root, _ = rows_of(part, tree)
+    n, f = p
     while i > root:
         u = -along(tree[i], i, n, f, W)
         responses[r, side, i - root] += u
