@@ -23,6 +23,8 @@ def body(
     inertia: Sequence[float] | None = None,
     center_of_mass: Sequence[float] | None = None,
     friction: float | None = None,
+    torsional_friction: float | None = None,
+    rolling_friction: float | None = None,
 ) -> Model:
     """Make a free object, or an obstacle, of one shape.
 
@@ -46,6 +48,8 @@ def body(
         Center of mass (3,) in the shape's frame [m].
     friction : float, optional
         Coefficient of friction with the ground [-]; None: that of the `Ground`.
+    torsional_friction, rolling_friction : float, optional
+        Coefficients of the moments between bodies that resist spinning and rolling [m]; None: those of `PairContact`.
 
     Returns
     -------
@@ -86,5 +90,7 @@ def body(
         solid.center if center_of_mass is None else tuple(center_of_mass),  # type: ignore[arg-type]
         tuple(mass * moment for moment in solid.moments) if inertia is None else tuple(inertia),
     )
-    model = Model(name, (link,), (), base, shapes=(Shape(LINK, shape, friction=friction),))
+    more = torsional_friction, rolling_friction
+    one = Shape(LINK, shape, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "", friction, *more)
+    model = Model(name, (link,), (), base, shapes=(one,))
     return with_contacts(model, "all") if base == "floating" else model

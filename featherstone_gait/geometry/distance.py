@@ -1,8 +1,8 @@
 """Distances between a robot's links: signed distances of their collision shapes.
 
 Two shapes can meet if something moves between them.  Left out are shapes of links that are rigidly attached to each
-other, of a link and its parent (with all that is rigidly attached to them), and those that overlap in the admissible
-posture nearest to zero already: `meeting_shapes` says which.
+other, of a link and its parent (with all that is rigidly attached to them), of links that `Model.excluded` names, and
+those that overlap in the admissible posture nearest to zero already: `meeting_shapes` says which.
 
 Spheres, capsules, boxes and cylinders are taken as they are; hulls and meshes by at most 32 corners, rounded by as much
 as the hull reaches beyond them, so that the true distance is never less.  Distances of shapes apart are exact to 1e-9 m
@@ -145,14 +145,18 @@ def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarra
 
 
 def _apart(model: Model) -> list[tuple[int, int]]:
-    """Find the pairs of shapes whose bodies are neither the same nor neighbors; height fields have no distance."""
+    """Find the pairs of shapes whose bodies are neither the same, neighbors nor excluded; fields have no distance."""
     bodies, placements = rigid_bodies(model)
     rows = [placements[shape.link].row for shape in model.shapes]
     near = {(row, row) for row in range(len(bodies))} | {(body.frame.parent, k) for k, body in enumerate(bodies)}
     every = ((a, b) for b in range(len(rows)) for a in range(b))
     solid = [not isinstance(shape.geometry, HeightField) for shape in model.shapes]
+    links, never = [shape.link for shape in model.shapes], {frozenset(pair) for pair in model.excluded}
     return [
-        (a, b) for a, b in every if solid[a] and solid[b] and not {(rows[a], rows[b]), (rows[b], rows[a])} & near
+        (a, b)
+        for a, b in every
+        if solid[a] and solid[b] and not {(rows[a], rows[b]), (rows[b], rows[a])} & near
+        and frozenset((links[a], links[b])) not in never
     ]
 
 

@@ -77,7 +77,7 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
         report.raise_problems(path)
         scene = SceneModel(
             content.name, members, obstacles, content.ground, content.gravity, tuple(content.excluded),
-            report.notes(), str(path),
+            report.notes(), str(path), content.pairs,
         )  # fmt: skip
     report.warn(path, stacklevel=2)
     return scene
@@ -107,12 +107,12 @@ def _simtwo(path: Path, markup: Markup, strict: bool) -> SceneModel:
 def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:
     """Save a scene as MJCF, which MuJoCo opens and `load_scene` reads back.
 
-    Bodies and joints are named "name/link" and "name/joint".  In the file all shapes touch each other that are neither
-    neighbors nor `excluded`, whatever `pairs` says; those of links without contact points touch the ground if bodies
-    touch each other at all.  Comments say what the file lacks of each model, as those
-    of `save_robot` do; the ground gives way as under the heaviest member.  Contact points that are not those of a
-    shape become small spheres and flat cylinders.  Every keyframe of a member becomes one of the scene, in which the
-    others stand where they start, or as their keyframe of that name says.
+    Bodies and joints are named "name/link" and "name/joint".  In MuJoCo all shapes touch each other that are neither
+    neighbors nor `excluded`, whatever `pairs` says, which is written for `load_scene` alone; those of links without
+    contact points touch the ground if bodies touch each other at all.  Comments say what the file lacks of each model,
+    as those of `save_robot` do; the ground gives way as under the heaviest member.  Contact points that are not those
+    of a shape become small spheres and flat cylinders.  Every keyframe of a member becomes one of the scene, in which
+    the others stand where they start, or as their keyframe of that name says.
 
     Parameters
     ----------

@@ -27,6 +27,7 @@
     length = 0.1
     mass = 0.2
     friction = 0.5
+    rolling_friction = 0.001             # also torsional_friction; obstacles have these two as well
 
     [[obstacles]]                        # never move
     name = "table"
@@ -60,6 +61,7 @@ TOP = ("name", "gravity", "excluded", "pairs", "ground", "robots", "objects", "o
 PLACE = ("name", "position", "orientation", "rpy")
 OF_ROBOT = ("file", "base", "locked", "contacts", "gearbox", "ground_contact", "servos")
 SHAPES: dict[str, type] = {kind.__name__.lower(): kind for kind in (Sphere, Capsule, Cylinder, Box, Mesh, Hull)}
+MOMENTS = ("torsional_friction", "rolling_friction")
 NO_SERVOS = "none"  # as a gearbox
 PAIRS = 'write "all", "none", or [["robot/hand", "cup"], ...]'
 
@@ -182,15 +184,15 @@ def _solid(row: dict[str, Any], what: str, folder: Path) -> Placed:
             raise ValueError(f"{what}: shape is {shape!r}; expected one of {quoted(SHAPES)}: use one of these")
     kind = SHAPES[shape]
     own = tuple(f.name for f in fields(kind))
-    check_keys(
-        row, (*PLACE, "shape", *own, *(("mass", "inertia", "center_of_mass", "friction") if moves else ())), what
-    )
+    of_mass = ("mass", "inertia", "center_of_mass", "friction") if moves else ()
+    check_keys(row, (*PLACE, "shape", *own, *of_mass, *MOMENTS), what)
     geometry = _geometry(kind, {key: row[key] for key in own if key in row}, row, what, folder)
     given: dict[str, Any] = {"name": string(row, "name", what)}
     if moves:
         given["mass"] = number(row, "mass", what)
         given |= {"friction": number(row, "friction", what)} if "friction" in row else {}
         given |= {key: _numbers(row, key, what) for key in ("inertia", "center_of_mass") if key in row}
+    given |= {key: number(row, key, what) for key in MOMENTS if key in row}
     return _placed(row, what, body(geometry, base="floating" if moves else "fixed", **given))
 
 

@@ -244,6 +244,14 @@ def test_neighbors_and_what_is_attached_to_them_are_left_out():
     assert meeting_shapes(replace(robot, locked={"to_y": 0.5})).pairs.tolist() == [[0, 3]]
 
 
+def test_links_that_the_model_excludes_are_left_out():
+    shapes = [Shape(link, Sphere(0.1), (k, 0.0, 0.0)) for k, link in enumerate("wxyz")]
+    model = chain(*shapes)
+    assert {(0, 2), (0, 3), (1, 3)} == set(map(tuple, meeting_shapes(model).pairs.tolist()))
+    less = replace(model, excluded=(("y", "w"),))
+    assert {(0, 3), (1, 3)} == set(map(tuple, meeting_shapes(less).pairs.tolist()))
+
+
 def test_what_overlaps_at_rest_is_left_out_and_said():
     robot = chain(at("w", 0.0), at("y", 0.15), at("z", 1.0))
     assert meeting_shapes(robot).pairs.tolist() == [[0, 2]]

@@ -15,8 +15,10 @@ from featherstone_gait import (
     Ground,
     PairContact,
     Placed,
+    RobotFileError,
     RobotFileWarning,
     SceneModel,
+    body,
     compile_scene,
     inverse_dynamics,
     load_robot,
@@ -392,6 +394,50 @@ def test_a_scene_of_toml_is_saved_as_mjcf(tmp_path):
     assert again.excluded[:1] == scene.excluded[:1] or not scene.member("left").model.shapes
     with pytest.raises(ValueError, match=r"\.xml"):
         save_scene(scene, tmp_path / "saved.toml")
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [
+        "none",
+        "all",
+        (("ball", "wall"), ("ball/body", "ground")),
+        PairContact("all", penetration=1e-4, damping_ratio=0.3, friction=0.2, rolling_friction=1e-3, max_points=40),
+        PairContact((("ball", "wall/body"),), load=2.0),
+    ],
+)
+def test_what_touches_what_is_saved_and_read(tmp_path, pairs):
+    ball = body(Sphere(0.1), 1.0, name="ball", torsional_friction=2e-3, rolling_friction=1e-4)
+    wall = body(Box((0.1, 1.0, 1.0)), name="wall", base="fixed", torsional_friction=3e-3)
+    members = [Placed(ball, position=(0.0, 0.0, 0.1))]
+    scene = SceneModel("one", members, [Placed(wall, position=(1.0, 0.0, 0.5))], Ground(), pairs=pairs)
+    save_scene(scene, tmp_path / "one.xml")
+    again = load_scene(tmp_path / "one.xml")
+    assert again.pairs == scene.pairs
+    found = [again.member(name).model.shapes[0] for name in ("ball", "wall")]
+    assert [(one.torsional_friction, one.rolling_friction) for one in found] == [(2e-3, 1e-4), (3e-3, None)]
+
+
+@pytest.mark.parametrize("data", ["all", '{"select": 3}', '{"of": 1}', "[1]"])
+def test_what_touches_what_is_refused_if_it_is_none(tmp_path, data):
+    ball = Placed(body(Sphere(0.1), 1.0), position=(0.0, 0.0, 1.0))
+    save_scene(SceneModel("one", [ball], pairs="all"), tmp_path / "a.xml")
+    text = (tmp_path / "a.xml").read_text()
+    changed = re.sub('data=".*?"', f"data='{data}'", text)
+    assert changed != text
+    (tmp_path / "a.xml").write_text(changed)
+    with pytest.raises(RobotFileError, match="PairContact"):
+        load_scene(tmp_path / "a.xml")
+
+
+@pytest.mark.parametrize(
+    ("condim", "moments"), [(1, (None, None)), (3, (None, None)), (4, (0.02, None)), (6, (0.02, 0.003))]
+)
+def test_condim_says_which_frictions_of_a_geom_count(tmp_path, condim, moments):
+    geom = f'<geom type="sphere" size="0.1" friction="0.8 0.02 0.003" condim="{condim}"/>'
+    (tmp_path / "a.xml").write_text(f"<mujoco><worldbody><body><freejoint/>{geom}</body></worldbody></mujoco>")
+    (shape,) = load_scene(tmp_path / "a.xml").members[0].model.shapes
+    assert (shape.torsional_friction, shape.rolling_friction) == moments
 
 
 def test_saved_links_without_contact_points_touch_the_ground_where_bodies_touch(tmp_path):

@@ -6,11 +6,13 @@ dm_control write them, NAME is its name and they are called by what follows; els
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ...model import Ground, Joint
-from ...model.pair_contact import GROUND
+from ...model.pair_contact import GROUND, NONE, PairContact
 from ...model.placed import SEPARATOR, link_name
 from ...model.shapes import Shape
 from ..report import Report
@@ -32,10 +34,12 @@ from .touching import FRICTIONLESS, collisions, excluded_bodies, links_apart, me
 from .tree import (
     GEOMS,
     HFIELD,
+    PAIRS,
     PLANE,
     Tree,
     geometry_of,
     height_field,
+    moments_of,
     moving_trees,
     names_of,
     top_bodies,
@@ -67,6 +71,7 @@ class Content(NamedTuple):
     ground: Ground | None
     gravity: tuple[float, float, float]
     excluded: list[tuple[str, str]]  # links of the scene that do not touch each other
+    pairs: str | tuple[tuple[str, str], ...] | PairContact  # what does, if `save_scene` has written it
 
 
 class Solids(NamedTuple):
@@ -123,10 +128,23 @@ def read_scene(path: Path, report: Report) -> Content:
         owners[g] = link_name(name, OBSTACLE)
     for sentence in (*notes(m, everything), *remarks):
         report.remark(sentence)
-    if solids.collide.any():
+    pairs = _pairs(documents.values())
+    if solids.collide.any() and pairs == NONE:
         report.remark('bodies touch the ground alone, unless compile_scene is given pairs="all"')
     still = [link_name(part.robot.name, OBSTACLE) for part in obstacles]
-    return Content(name_of(m, path), members, obstacles, ground, gravity_of(m), _excluded(solids, owners, still))
+    return Content(name_of(m, path), members, obstacles, ground, gravity_of(m), _excluded(solids, owners, still), pairs)
+
+
+def _pairs(documents: Iterable[Element]) -> str | tuple[tuple[str, str], ...] | PairContact:
+    """Return what `save_scene` has written about bodies that touch each other, else "none"."""
+    for text in (each for root in documents for each in root.iter("text") if each.get("name") == PAIRS):
+        try:
+            stated = json.loads(text.get("data", ""))
+            found = PairContact(**stated)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"<text name={PAIRS!r}> states no PairContact: {error}; remove it") from error
+        return found.select if [*stated] == ["select"] else found
+    return NONE
 
 
 def _between_trees(m: Any, mimics: Mapping[int, Line], names: list[str]) -> Iterator[str]:
@@ -230,7 +248,7 @@ def _solids(m: Any, floor: int | None, stated: bool, report: Report) -> Solids:
             left.setdefault(GEOMS[m.geom_type[g]], []).append(names[g])
             continue
         rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
-        shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, names[g])
+        shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, names[g], None, *moments_of(m, g))
     for kind, geoms in left.items():
         report.doubt(f"ignored geoms {quoted(geoms)} of type {kind}, which no shape is")
     friction = {g: mu for g in shapes if m.body_weldid[m.geom_bodyid[g]] for mu in _on_floor(m, g, floor, stated)}

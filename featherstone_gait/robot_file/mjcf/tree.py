@@ -18,6 +18,7 @@ from ..robot import MASSLESS
 from .equalities import Line
 
 WORLD = "world"
+PAIRS = "featherstone_gait_pairs"  # name of the <text> that says which bodies touch each other
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)  # mjtGeom
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
@@ -235,10 +236,16 @@ def read_shapes(m: Any, tree: Tree, friction: Mapping[int, float | None]) -> tup
         else:
             rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
             link, at = tree.bodies[m.geom_bodyid[g]], vector(m.geom_pos[g])
-            shapes.append(Shape(link, geometry, at, rpy, names[g], friction[g]))
+            shapes.append(Shape(link, geometry, at, rpy, names[g], friction[g], *moments_of(m, g)))
     notes = [f"skipped {silent} geoms that touch no floor"] if silent else []
     notes += [f"ignored {count} geoms of type {kind}, which is not supported" for kind, count in left.items()]
     return tuple(shapes), notes
+
+
+def moments_of(m: Any, g: int) -> tuple[float | None, float | None]:
+    """Return the coefficients of torsional and rolling friction [m] that `condim` lets a geom have, None for others."""
+    _, torsional, rolling = m.geom_friction[g].tolist()
+    return torsional if m.geom_condim[g] >= 4 else None, rolling if m.geom_condim[g] >= 6 else None
 
 
 def geometry_of(m: Any, g: int) -> Geometry | None:

@@ -89,7 +89,16 @@ def _shape_lines(k: int, name: str, shape: Shape, bits: dict[str, str]) -> list[
         x, y, z = (np.array(place) + applied(rotation_from_rpy(shape.rpy), np.array(low))).tolist()
         place = (x, y, z)
     attributes = {"name": name or None, **stated, "pos": place, "euler": shape.rpy, **MASSLESS, **bits}
-    return element("geom", attributes)
+    return element("geom", attributes | _moments(shape))
+
+
+def _moments(shape: Shape) -> dict[str, Any]:
+    """Write what resists spinning and rolling."""
+    torsional, rolling = shape.torsional_friction, shape.rolling_friction
+    if torsional is None and rolling is None:
+        return {}
+    sliding = 1.0 if shape.friction is None else shape.friction
+    return {"condim": "4" if rolling is None else "6", "friction": (sliding, torsional or 0.0, rolling or 0.0)}
 
 
 def _geometry(k: int, geometry: Geometry) -> dict[str, Any]:

@@ -6,20 +6,21 @@ has affinity 1; shapes have type and affinity 2, and type 1 too if they touch th
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Comment, Element, SubElement, TreeBuilder, XMLParser, fromstring, indent, tostring
 
 from ...dynamics import forward_kinematics
 from ...geometry.contact_choice import contact_points, lowest_levels
 from ...model import ContactPoint, Ground, Model
-from ...model.pair_contact import GROUND, pair_contact
+from ...model.pair_contact import GROUND, PairContact, pair_contact
 from ...model.placed import Placed, SceneModel, link_name
 from ...model.rest_posture import nearest_posture, standing_keyframe
 from ...model.shapes import Shape
-from .tree import WORLD, unused
+from .tree import PAIRS, WORLD, unused
 from .write import mjcf_text
 from .write_geoms import field_lines, floor_lines, pair_lines
 
@@ -61,10 +62,19 @@ def scene_text(scene: SceneModel) -> str:
     for one, two in scene.excluded:
         if {one, two} <= bodies:
             SubElement(sections["contact"], "exclude", body1=one, body2=two)
+    if pair_contact(scene.pairs) is not None:
+        SubElement(SubElement(root, "custom"), "text", name=PAIRS, data=_stated(scene.pairs))
     root.extend(section for section in sections.values() if len(section))
     _write_keys(root, scene.members, parts)
     indent(root)
     return tostring(root, encoding="unicode") + "\n"
+
+
+def _stated(pairs: Any) -> str:
+    """Write which bodies touch each other, which MJCF has no element for, as JSON."""
+    given = pairs if isinstance(pairs, PairContact) else PairContact(pairs)
+    stated = {f.name: getattr(given, f.name) for f in fields(given)} if given is pairs else {"select": given.select}
+    return json.dumps({key: value for key, value in stated.items() if value is not None})
 
 
 def _parsed(text: str) -> Element:
