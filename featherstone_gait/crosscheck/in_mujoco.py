@@ -10,7 +10,7 @@ as large as the servo's budget at the loads of the last one.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -31,6 +31,7 @@ from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from .servo_chain import ServoChain, is_gentle
 
+Objects = Callable[[Any], np.ndarray]  # adds objects to a specification; returns their velocities (objects, 6)
 Soles = Literal["spheres", "boxes"]
 SOLES: tuple[Soles, ...] = get_args(Soles)
 INSTALL = "the crosscheck runs MuJoCo; install it with pip install featherstone-gait[mjcf]"
@@ -81,6 +82,8 @@ class _Machine(NamedTuple):
     viscous: np.ndarray  # friction of joint and servo [N m s/rad] ...
     coulomb: np.ndarray  # ... and dry [N m]
     loaded: bool  # whether the dry friction depends on load or speed
+    objects: np.ndarray  # (objects, 7) addresses in qpos
+    thrown: np.ndarray  # (objects, 6) their first velocities
 
 
 def replay(
@@ -92,6 +95,7 @@ def replay(
     *,
     timestep: float = TIMESTEP,
     controller: CompiledController | None = None,
+    objects: Objects | None = None,
 ) -> Trajectory:
     """Run a robot in MuJoCo from rest.
 
@@ -111,13 +115,17 @@ def replay(
         MuJoCo's time step, which divides the tick [s].
     controller : CompiledController, optional
         Controller, called in Python with the channels q, qd, base_q, base_qd and base_qdd.
+    objects : callable, optional
+        Adds free bodies, and geoms that touch them, to the `mujoco.MjSpec` of the robot, of which links are bodies;
+        returns the first velocities (objects, 6) of these bodies [m/s, rad/s].
 
     Returns
     -------
     Trajectory
         A sample at each tick, with the channels time, q, qd, torque (on the joints), current, energy (its column
-        "electrical_no_regeneration" alone, others are nan) and, of a floating base, base_q and base_qd.  The status is
-        "ok", "fell" (by the scene's rule) or "diverged", at `end_time`.
+        "electrical_no_regeneration" alone, others are nan) and, of a floating base, base_q and base_qd; with objects
+        also object_q (samples, objects, 7).  The status is "ok", "fell" (by the scene's rule) or "diverged", at
+        `end_time`.
 
     Raises
     ------
@@ -131,7 +139,7 @@ def replay(
     per_tick = round(period / real("timestep", timestep, 1e-6, period, "give MuJoCo's step [s]"))
     if abs(per_tick * timestep - period) > 1e-9 * period:
         raise ValueError(f"timestep {timestep:g} s does not divide the controllers' period of {period:g} s")
-    machine = _machine(scene, floor, timestep)
+    machine = _machine(scene, floor, timestep, objects)
     _place(machine, q)
     ticks = math.ceil(duration / period - 1e-9)
     drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + EVENT_MARGIN)
@@ -325,6 +333,8 @@ def _place(machine: _Machine, q: np.ndarray) -> None:
     d.qpos[machine.q] = q[base:]
     if machine.rotor is not None:
         d.qpos[machine.rotor] = q[base:]
+    if len(machine.thrown):
+        d.qvel[-machine.thrown.size :] = machine.thrown.ravel()
     machine.chain.goal = q[base:].copy()
     _mujoco().mj_forward(m, d)
 
@@ -337,6 +347,8 @@ def _row(scene: CompiledScene, machine: _Machine) -> dict[str, np.ndarray]:
     energy[:, METER] = chain.meter
     torque = chain.K * chain.current if machine.rotor is None else _through_gears(machine)
     base = {"base_q": d.qpos[:7].copy(), "base_qd": d.qvel[:6].copy()} if scene.model.base == "floating" else {}
+    if len(machine.objects):
+        base["object_q"] = d.qpos[machine.objects]
     return base | {"q": q, "qd": v, "torque": torque, "current": chain.current.copy(), "energy": energy}
 
 
@@ -379,14 +391,18 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     return servos
 
 
-def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
+def _machine(
+    scene: CompiledScene, floor: Floor | None, h: float, objects: Objects | None = None
+) -> _Machine:
     mujoco, model, servos = _mujoco(), scene.model, _servos(scene)
     bare = replace(model, servos={}, contacts=(), shapes=(), keyframes={})
     spec = mujoco.MjSpec.from_string(_with_rotors(mjcf_text(bare), servos if scene.gearbox == "mipsd" else {}))
     if floor is not None:
         _lay(spec, model, floor, h)
         spec.option.impratio = real("floor: impratio", floor.impratio, 1e-3, 1e6, "1 is MuJoCo's default")
+    thrown = np.zeros((0, 6)) if objects is None else objects(spec)
     m = spec.compile()
+    free = m.jnt_qposadr[m.jnt_type == mujoco.mjtJoint.mjJNT_FREE][int(model.base == "floating") :]
     m.opt.timestep, m.opt.gravity[:] = h, scene.gravity
     m.opt.integrator, m.opt.cone = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, mujoco.mjtCone.mjCONE_ELLIPTIC
     joints = [m.joint(name) for name in model.joint_names]
@@ -410,7 +426,8 @@ def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
         m.dof_frictionloss[v] = np.maximum(coulomb, LEAST)
     m.dof_solref[v], m.dof_solimp[v, :2] = (2.0 * h, 1.0), 0.9999  # joints that stick hardly creep
     chain = ServoChain([servos.get(name) for name in model.joint_names], h, model.supply)
-    return _Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded)
+    return _Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded,
+                    free[:, None] + np.arange(7), thrown)  # fmt: skip
 
 
 def _with_rotors(text: str, servos: dict[str, Servo]) -> str:

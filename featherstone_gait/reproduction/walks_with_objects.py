@@ -1,0 +1,278 @@
+"""Robots that walk and stand with objects that they touch, here and in MuJoCo.
+
+carry   The humanoid walks ten strides of its optimized gait with a box of 50 g across its forearms, which it holds
+        forward: with rubber on the arms (friction 2), and without (0.9).  `moved` is how far the box slips on the arms
+        after the first two strides.
+hit     The humanoid stands, with its servos on, and a ball flies at its trunk with 2 m/s, from ahead, behind or left.
+        `moved` is the largest momentum of the ball [N s], in steps of 0.02 N s, after which it stands.
+plank   ANYmal B trots over a board of 20 mm that lies loose on the ground.  `moved` is how far it pushes the board.
+
+Both engines have the same bodies, servos, friction and time step.  The ground of MuJoCo has a time constant of 5 ms,
+and ours the penetration that the robot has there.  Contact between bodies has MuJoCo's time constant of 5 ms there,
+and a penetration of 1 mm under the weight of the robot here: at 0.1 mm a step of `midpoint` does not resolve a hit,
+and the ball bounces.  MuJoCo is an extra: pip install featherstone-gait[mjcf].
+
+    python -m featherstone_gait.reproduction.walks_with_objects TABLE.csv
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..base.files import Format
+from ..base.progress import progress_bar
+from ..base.rotation import rotation_from_quaternion, rotation_from_rpy
+from ..crosscheck import Floor, replay, sinking, standing
+from ..dynamics import forward_kinematics
+from ..geometry.body import body
+from ..model import Ground, Model
+from ..model.pair_contact import PairContact
+from ..model.placed import Placed, SceneModel
+from ..model.shapes import Box, Sphere
+from ..robot_file import load_robot
+from ..run.reference import Reference
+from ..run.simulate import initial_state, simulate
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene, compile_scene
+from ..walking import Motion, motion_of, read_motion
+from .other_robots import anymal
+from .sources import PACKAGE
+from .tables import table_arguments, write_rows
+
+TABLE = Format("table of walks with objects")
+GAIT = PACKAGE.parent / "robots" / "humanoid" / "optimized_gait.npz"
+STEP, EVERY, PENETRATION = 5e-4, 1e-2, 1e-3  # [s], [s], [m]
+FRICTION, RUBBER = 0.9, 2.0
+SOFT = 5e-3  # time constant of MuJoCo's contact [s]
+STRIDES, WARM_UP = 10, 2
+BEYOND = 3.0  # time for which a robot is watched after a hit [s]
+MOMENTA = tuple(round(0.02 * k, 2) for k in range(1, 151))  # [N s]
+WAYS = {"ahead": (-1.0, 0.0), "behind": (1.0, 0.0), "left": (0.0, -1.0)}  # of the ball, which comes from there
+BALL, SPEED, APART = 0.03, 2.0, 0.05  # radius [m], speed [m/s], and distance from the trunk at the start [m]
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one engine does in one task."""
+
+    task: str
+    engine: str
+    stands: bool  # until the end
+    end_s: float
+    moved: float  # by the object, or the momentum survived
+    unit: str = "m"  # of it
+    speed_m_per_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """A robot with an object."""
+
+    name: str
+    alone: CompiledScene  # the robot
+    angles: np.ndarray  # of its joints at the start [rad]
+    reference: Reference
+    duration: float  # [s]
+    shape: Box | Sphere  # of the object
+    mass: float  # [kg]
+    place: tuple[float, float, float]  # of its center, above the height at which the robot stands on the ground [m]
+    velocity: tuple[float, float, float]  # [m/s]
+    links: tuple[str, ...]  # of the robot, that touch it
+    on_ground: bool = False  # whether the object lies there
+    friction: float = FRICTION  # of the object and of what touches it
+
+    @property
+    def model(self) -> Model:
+        return self.alone.model
+
+
+def here(task: Task) -> tuple[Trajectory, np.ndarray]:
+    """Run a task in this package; return the robot's run and the object's poses (samples, 7)."""
+    depth = sinking(task.alone, task.angles, _floor(), timestep=STEP)
+    ground = Ground(friction=FRICTION, penetration=depth)
+    thing = body(task.shape, task.mass, name="thing", friction=task.friction)
+    members = Placed(task.model, "robot"), Placed(thing, "thing", task.place, ground_contact=task.on_ground)
+    touching = tuple((f"robot/{link}", "thing/body") for link in task.links)
+    pairs = PairContact(touching, PENETRATION, friction=task.friction)
+    model = SceneModel("with an object", members, ground=ground)
+    scene = compile_scene(model, "mipsd", None, "midpoint", STEP, pairs=pairs)
+    q = standing(task.alone, task.angles, depth)
+    state = initial_state(
+        scene, {"robot": q, "thing": [*task.place, 1.0, 0.0, 0.0, 0.0]}, {"thing": [*task.velocity, 0.0, 0.0, 0.0]},
+        allow_limit_violation=True,
+    )  # fmt: skip
+    record = "base_q", "base_qd", "q", "qd"
+    run = simulate(
+        scene, task.duration, state, task.reference, record=record, record_interval=EVERY, estimate_error=False
+    )
+    return run.of("robot"), run.of("thing")["base_q"]
+
+
+def in_mujoco(task: Task) -> tuple[Trajectory, np.ndarray]:
+    """Run a task in MuJoCo; return the robot's run and the object's poses (samples, 7)."""
+    depth = sinking(task.alone, task.angles, _floor(), timestep=STEP)
+    q = standing(task.alone, task.angles, depth)
+    objects = partial(_add, task)
+    run = replay(task.alone, task.duration, q, task.reference, _floor(), timestep=STEP, objects=objects)
+    return run, run["object_q"][:, 0]
+
+
+def _floor() -> Floor:
+    return Floor(SOFT, FRICTION)
+
+
+def _add(task: Task, spec: Any) -> np.ndarray:
+    """Add the object, and geoms on the links that touch it; return its velocity (1, 6)."""
+    import mujoco
+
+    touch = {"friction": [task.friction, 0.0, 0.0], "solref": [SOFT, 1.0]}
+    thing = spec.worldbody.add_body(name="thing", pos=task.place)
+    thing.add_freejoint()
+    # Bit 1: feet, which touch the floor and what lies on it; bit 2: what touches the links.
+    kind = {"contype": 3, "conaffinity": 1} if task.on_ground else {"contype": 2, "conaffinity": 0}
+    thing.add_geom(**_geom(task.shape), mass=task.mass, priority=1, **kind, **touch)
+    for shape in task.model.shapes if not task.on_ground else ():
+        if shape.link in task.links:
+            quat = np.zeros(4)
+            mujoco.mju_mat2Quat(quat, rotation_from_rpy(shape.rpy).ravel())
+            geom = _geom(shape.geometry) | {"pos": shape.xyz, "quat": quat, "mass": 0.0}
+            spec.body(shape.link).add_geom(**geom, contype=0, conaffinity=2, **touch)
+    return np.array([[*task.velocity, 0.0, 0.0, 0.0]])
+
+
+def _geom(shape: Any) -> dict[str, Any]:
+    import mujoco
+
+    if isinstance(shape, Sphere):
+        return {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [shape.radius, 0.0, 0.0]}
+    return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [0.5 * side for side in shape.size]}
+
+
+# ---------------------------------------------------------------------------------------------- tasks
+
+
+def carry(friction: float, strides: int = STRIDES) -> Task:
+    """Walk with a box on the forearms."""
+    model = load_robot("humanoid", locked="simplified")
+    raised = {f"{side}_front_shoulder": 0.5 * math.pi for side in ("left", "right")}
+    model = replace(model, locked={**model.locked, **raised})
+    motion, size, top = read_motion(GAIT, model.joint_names), (0.06, 0.2, 0.04), 0.0
+    poses = forward_kinematics(model, np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *motion.start[0]]]))
+    rows = {link.name: k for k, link in enumerate(model.links)}
+    links = "left_forearm", "right_forearm"
+    middles = []
+    for shape in (shape for shape in model.shapes if shape.link in links):
+        turn, at = poses.rotation[0, rows[shape.link]], poses.position[0, rows[shape.link]]
+        assert isinstance(shape.geometry, Box)
+        middles.append(at + turn @ np.array(shape.xyz))
+        top = float(middles[-1][2] + 0.5 * (np.abs(turn) @ np.array(shape.geometry.size))[2])
+    place = float(np.mean(middles, axis=0)[0]), 0.0, top + 0.5 * size[2]
+    task = _task(f"carry, friction {friction:g}", model, motion, strides, Box(size), 0.05, place, links)
+    return replace(task, friction=friction)
+
+
+def plank(strides: int = STRIDES) -> Task:
+    """Trot over a board."""
+    cost = anymal()
+    model, motion = cost.scene.model, motion_of(cost.gait, cost.start, blend_strides=cost.blend_strides)
+    links = tuple(dict.fromkeys(point.link for point in model.contacts))
+    size = 0.3, 0.9, 0.02
+    task = _task("plank", model, motion, strides, Box(size), 2.0, (0.65, 0.0, 0.0), links)
+    return replace(task, place=(0.65, 0.0, 0.5 * size[2]), on_ground=True)
+
+
+def hit(origin: str, momentum: float) -> Task:
+    """Stand, and be hit by a ball."""
+    model = load_robot("humanoid", locked="simplified")
+    motion = read_motion(GAIT, model.joint_names)
+    (trunk,) = (shape for shape in model.shapes if shape.link == model.root)
+    assert isinstance(trunk.geometry, Box)
+    way = np.array([*WAYS[origin], 0.0])
+    far = 0.5 * float(np.abs(way) @ np.array(trunk.geometry.size)) + BALL + APART
+    x, y, z = np.array(trunk.xyz) - far * way
+    task = _task("hit", model, motion, 1, Sphere(BALL), momentum / SPEED, (x, y, z), (model.root,))
+    still = Reference([0.0], task.angles[None])
+    speed = SPEED * way
+    return replace(task, reference=still, duration=BEYOND, velocity=(float(speed[0]), float(speed[1]), 0.0))
+
+
+def _task(
+    name: str, model: Model, motion: Motion, strides: int, shape: Box | Sphere, mass: float,
+    place: Sequence[float], links: tuple[str, ...],
+) -> Task:  # fmt: skip
+    """Make a task; place: of the object from the base of the robot, where it stands [m]."""
+    alone = compile_scene(model, "mipsd", Ground(friction=FRICTION), "midpoint", STEP)
+    reference = motion.reference(WARM_UP + strides)
+    height = float(standing(alone, reference.values[0], 0.0)[2])
+    x, y, z = place
+    duration, still = motion.begin(WARM_UP + strides), (0.0, 0.0, 0.0)
+    return Task(
+        name, alone, reference.values[0], reference, duration, shape, mass, (x, y, z + height), still, links
+    )
+
+
+# ---------------------------------------------------------------------------------------------- what is measured
+
+Engine = Callable[[Task], tuple[Trajectory, np.ndarray]]
+ENGINES: dict[str, Engine] = {"here": here, "MuJoCo": in_mujoco}
+
+
+def carried(task: Task, engine: str) -> Row:
+    """Measure how far the box slips on the arms after the first strides."""
+    run, thing = ENGINES[engine](task)
+    settled = read_motion(GAIT, task.model.joint_names).begin(WARM_UP)
+    seen = np.stack([
+        rotation_from_quaternion(base[3:]).T @ (at - base[:3]) for base, at in zip(run["base_q"], thing[:, :3])
+    ])  # fmt: skip
+    after = seen[run["time"] > settled]
+    slip = np.linalg.norm((after - after[0])[:, :2], axis=1).max() if len(after) else math.nan
+    return Row(task.name, engine, run.status == "ok", run.end_time, float(slip), speed_m_per_s=_speed(run))
+
+
+def trodden(task: Task, engine: str) -> Row:
+    """Measure how far the board moves."""
+    run, thing = ENGINES[engine](task)
+    moved = float(np.linalg.norm((thing[-1] - thing[0])[:2]))
+    return Row(task.name, engine, run.status == "ok", run.end_time, moved, speed_m_per_s=_speed(run))
+
+
+def _speed(run: Trajectory) -> float:
+    return float((run["base_q"][-1, 0] - run["base_q"][0, 0]) / run.end_time)
+
+
+def survived(origin: str, engine: str) -> Row:
+    """Find by bisection the largest momentum after which the robot stands."""
+    low, high = 0, len(MOMENTA)
+    while low < high:
+        middle = (low + high) // 2
+        run, _ = ENGINES[engine](hit(origin, MOMENTA[middle]))
+        low, high = (middle + 1, high) if run.status == "ok" else (low, middle)
+    return Row(f"hit from {origin}", engine, True, BEYOND, MOMENTA[low - 1] if low else 0.0, "N s")
+
+
+def rows(strides: int = STRIDES) -> list[Row]:
+    """Do all tasks in both engines."""
+    jobs: list[Callable[[str], Row]] = [
+        *(partial(carried, carry(friction, strides)) for friction in (RUBBER, FRICTION)),
+        partial(trodden, plank(strides)), *(partial(survived, origin) for origin in WAYS),
+    ]  # fmt: skip
+    return [job(engine) for job in progress_bar(jobs, "tasks") for engine in ENGINES]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write the table."""
+    given = table_arguments("Walk and stand with objects, here and in MuJoCo", arguments, strides=STRIDES)
+    found = rows(given.strides)
+    for row in found:
+        print(row)
+    write_rows(given.table, TABLE, found, __file__)
+
+
+if __name__ == "__main__":
+    main()

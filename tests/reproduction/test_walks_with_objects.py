@@ -1,0 +1,84 @@
+"""Robots with objects, here and in MuJoCo: what MuJoCo is given, a box that is carried, balls that hit, a board."""
+
+import numpy as np
+import published
+import pytest
+
+from featherstone_gait.base.rotation import rotation_from_quaternion
+from featherstone_gait.dynamics import forward_kinematics
+from featherstone_gait.reproduction import walks_with_objects as study
+
+ENGINES = sorted(study.ENGINES)
+
+
+def test_the_box_lies_on_both_forearms():
+    task = study.carry(2.0)
+    model = task.model
+    standing = study.standing(task.alone, task.angles, 0.0)
+    poses = forward_kinematics(model, standing[None])
+    for name in task.links:
+        (shape,) = (shape for shape in model.shapes if shape.link == name)
+        row = [link.name for link in model.links].index(name)
+        half = 0.5 * np.abs(poses.rotation[0, row]) @ np.array(shape.geometry.size)
+        middle = poses.position[0, row] + poses.rotation[0, row] @ np.array(shape.xyz)
+        assert middle[2] + half[2] == pytest.approx(task.place[2] - 0.5 * task.shape.size[2], abs=1e-9)
+        assert abs(middle[0] - task.place[0]) < 0.5 * task.shape.size[0]
+        assert abs(middle[1]) + half[1] < 0.5 * task.shape.size[1]
+
+
+def test_a_ball_flies_at_the_trunk():
+    """It meets the middle of the trunk's side, after the gap that is stated."""
+    for origin in study.WAYS:
+        task = study.hit(origin, 0.2)
+        assert task.mass * np.linalg.norm(task.velocity) == pytest.approx(0.2)
+        trunk = next(shape for shape in task.model.shapes if shape.link == task.model.root)
+        middle = study.standing(task.alone, task.angles, 0.0)[:3] + np.array(trunk.xyz)
+        way = np.array(task.velocity) / study.SPEED
+        gap = way @ (middle - np.array(task.place)) - 0.5 * np.abs(way) @ np.array(trunk.geometry.size) - study.BALL
+        assert gap == pytest.approx(study.APART)
+        assert np.cross(middle - np.array(task.place), way) == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_an_object_that_misses_falls_freely_in_mujoco():
+    pytest.importorskip("mujoco")
+    task = study.hit("ahead", 0.2)
+    away = study.replace(task, velocity=(2.0, 0.0, 0.0), duration=0.3)
+    run, ball = study.in_mujoco(away)
+    t = run["time"]
+    expected = np.array(task.place) + np.outer(t, [2.0, 0.0, 0.0]) - np.outer(t * (t + study.STEP), [0.0, 0.0, 4.905])
+    np.testing.assert_allclose(ball[:, :3], expected, atol=1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("engine", ENGINES)
+def test_rubber_keeps_the_box_on_the_arms(engine):
+    """It slips less than 1 mm; on bare arms it slips more than twice as much."""
+    pytest.importorskip("mujoco")
+    rubber, bare = (study.carried(study.carry(friction), engine) for friction in (study.RUBBER, study.FRICTION))
+    assert rubber.stands
+    assert bare.stands
+    assert rubber.moved < 1e-3
+    assert bare.moved > 2.0 * rubber.moved
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_light_ball_is_survived_and_a_heavy_one_is_not(engine):
+    pytest.importorskip("mujoco")
+    for momentum, stands in ((0.2, True), (2.0, False)):
+        run, ball = study.ENGINES[engine](study.hit("ahead", momentum))
+        assert (run.status == "ok") is stands
+        assert abs(ball[-1, 0] - ball[0, 0]) < 0.9 * study.SPEED * run.end_time  # it did not fly on
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_quadruped_treads_on_a_board_and_goes_on(engine):
+    pytest.importorskip("mujoco")
+    published.folder("example-robot-data")
+    task = study.plank()
+    run, board = study.ENGINES[engine](task)
+    assert run.status == "ok"
+    assert run["base_q"][-1, 0] > task.place[0] + 0.5
+    assert 1e-3 < np.linalg.norm((board[-1] - board[0])[:2]) < 0.1
+    assert rotation_from_quaternion(board[-1, 3:])[2, 2] > 0.99
