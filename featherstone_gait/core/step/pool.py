@@ -75,7 +75,10 @@ def _before_contact(ahead, pairs, run, y, h):
     if ahead is None:
         if y[run.offsets[0].pair] > 0.0:
             way = spending(run, y, h)
-            return min(h, h * max(SEEN * pairs.margin / max(way, 1e-300), 1e-6))
+            share = SEEN * pairs.margin / max(way, 1e-300)
+            if run.plan.second_run:  # else both would take the same steps, and their difference be none
+                share = 0.5 * share
+            return min(h, h * max(share, 1e-6))
     return h
 
 
