@@ -42,6 +42,7 @@ from .tree import (
     moments_of,
     moving_trees,
     names_of,
+    rounded,
     top_bodies,
     tree_at,
     unused,
@@ -249,6 +250,8 @@ def _solids(m: Any, floor: int | None, stated: bool, report: Report) -> Solids:
             continue
         rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
         shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, names[g], None, *moments_of(m, g))
+    for sentence in rounded(m, shapes, names):
+        report.remark(sentence)
     for kind, geoms in left.items():
         report.doubt(f"ignored geoms {quoted(geoms)} of type {kind}, which no shape is")
     friction = {g: mu for g in shapes if m.body_weldid[m.geom_bodyid[g]] for mu in _on_floor(m, g, floor, stated)}

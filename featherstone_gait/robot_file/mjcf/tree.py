@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.fixed_order import applied, product
+from ...base.flaws import quoted
 from ...base.rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
 from ...model import Base, HeightField, Joint, Link, Mimic
 from ...model.rigid_bodies import inertia_tuple, turned_inertia
@@ -237,7 +239,8 @@ def read_shapes(m: Any, tree: Tree, friction: Mapping[int, float | None]) -> tup
             rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
             link, at = tree.bodies[m.geom_bodyid[g]], vector(m.geom_pos[g])
             shapes.append(Shape(link, geometry, at, rpy, names[g], friction[g], *moments_of(m, g)))
-    notes = [f"skipped {silent} geoms that touch no floor"] if silent else []
+    notes = rounded(m, (g for g in friction if tree.holds(m, int(m.geom_bodyid[g]))), names)
+    notes += [f"skipped {silent} geoms that touch no floor"] if silent else []
     notes += [f"ignored {count} geoms of type {kind}, which is not supported" for kind, count in left.items()]
     return tuple(shapes), notes
 
@@ -259,9 +262,34 @@ def geometry_of(m: Any, g: int) -> Geometry | None:
         return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2]))
     if kind == MESH:
         return Hull(tuple(vector(point) for point in _corners(m, int(m.geom_dataid[g]))))
+    if kind == ELLIPSOID:
+        return Hull(tuple((x * size[0], y * size[1], z * size[2]) for x, y, z in ROUND))
     if kind == HFIELD:
         return height_field(m, int(m.geom_dataid[g]))
     return None
+
+
+def _round() -> list[tuple[float, float, float]]:
+    """Return the corners of an icosahedron and its dual, as far out as the faces of their hull lie within 1."""
+    golden, found = 0.5 * (1.0 + math.sqrt(5.0)), []
+    signs = [(one, two) for one in (-1.0, 1.0) for two in (-1.0, 1.0)]
+    for second, third in ((1.0, golden), (golden, 1.0 / golden)):
+        for one, two in signs:
+            x, y = one * second, two * third
+            found += [(0.0, x, y), (y, 0.0, x), (x, y, 0.0)]
+    found += [(one, two, three) for one, two in signs for three in (-1.0, 1.0)]
+    return [tuple((1.0 + ROUNDNESS) / math.hypot(*point) * x for x in point) for point in found]  # type: ignore[misc]
+
+
+ROUNDNESS = 0.0403  # by which part of the radius the hull of `ROUND` differs from a sphere at most
+ROUND = _round()
+
+
+def rounded(m: Any, geoms: Iterable[int], names: list[str]) -> list[str]:
+    """Return what to say of ellipsoids among geoms."""
+    found = [names[g] for g in geoms if m.geom_type[g] == ELLIPSOID]
+    how = f"as hulls of {len(ROUND)} corners, off by up to {ROUNDNESS:.0%} of the radius"
+    return [f"took ellipsoids {quoted(found)} {how}"] if found else []
 
 
 def height_field(m: Any, k: int) -> HeightField:
