@@ -59,6 +59,12 @@ from featherstone_gait import Placed, Sphere, body
 robot = load_robot("humanoid")
 simulate(compile_scene([Placed(robot), {}], gearbox="mipsd", ground=Ground()), 0.1)
 """
+TOUCHING = """
+from featherstone_gait import Box, Placed, body
+boxes = [Placed(body(Box((0.1, 0.1, 0.1)), 1.0), name, (0.0, 0.0, z)) for name, z in (("one", 0.05), ("two", 0.15))]
+simulate(compile_scene(boxes, ground=Ground(), pairs={!r}), 0.1)
+"""
+LINKS = 'scene = compile_scene(load_robot("humanoid"), gearbox="mipsd", ground=Ground(), pairs="all")\n'
 MAXIMAL = "from featherstone_gait.reproduction import maximal\n"
 SIMTWO = MAXIMAL + HUMANOID.format(', integrator="simtwo", timestep=1e-3')
 ABA = """
@@ -85,6 +91,9 @@ KINDS = {  # first results
     "a controller of one's own": MIDPOINT + CONTROLLER,
     "a walk with feedback": FEEDBACK,
     "matrices of a tick": MIDPOINT + "from featherstone_gait import linearize\nlinearize(scene)",
+    "two boxes": TOUCHING.format("none"),
+    "two boxes that touch": TOUCHING.format("all"),
+    "humanoid whose links touch": LINKS + "simulate(scene, 0.1)",
     "constraints and sweeps": SIMTWO + "maximal.simulate(scene, 0.1)",
 }
 PROGRAMS = {kind: TIMED.format(code) for kind, code in KINDS.items()}

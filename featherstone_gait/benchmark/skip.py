@@ -28,7 +28,7 @@ from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
 from ..geometry.body import body as solid
 from ..model import Ground, HeightField, Mimic, Model, Supply
-from ..model.placed import Placed
+from ..model.placed import Placed, SceneModel
 from ..model.shapes import Box, Sphere
 from ..robot_file import load_robot
 from ..robot_file.servos import with_servo
@@ -89,8 +89,12 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 def executed(work: Work) -> float:
     """Count the instructions of a step, the mean of some that neither begin nor end a run; NaN if not counted."""
     work.kernel(*work.prepare(1))
-    arguments = work.prepare(2 * COUNTED)
-    return instructions(lambda: work.kernel(*arguments), arguments[-1], len(arguments[-1]) // 2) / COUNTED
+    counts = []
+    for last in (1, 2):
+        arguments = work.prepare(3 * COUNTED)
+        third = len(arguments[-1]) // 3
+        counts.append(instructions(partial(work.kernel, *arguments), arguments[-1], last * third))
+    return (counts[1] - counts[0]) / COUNTED
 
 
 def row_of(saving: str, without: Work, having: Work, note: str, repeats: int) -> Row:
@@ -102,7 +106,7 @@ def row_of(saving: str, without: Work, having: Work, note: str, repeats: int) ->
 
 
 def rollout(
-    model: Model | list[Placed], gearbox: GearboxKind | None = None, ground: Ground | None = None, *,
+    model: Model | list[Placed] | SceneModel, gearbox: GearboxKind | None = None, ground: Ground | None = None, *,
     lifted: float = 0.0, integrator: str = "implicit_euler", record: tuple[str, ...] = (), every: int = COUNTED,
     controller: Callable[[CompiledScene], Any] | None = None, pushes: Sequence[Push] = (), worlds: Worlds | None = None,
 ) -> Work:  # fmt: skip
@@ -281,3 +285,27 @@ def humanoid_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no ball at rest (humanoid)", walker(), rollout([alone, ball], "mipsd", ground), "one contact point"),
         ("no box at rest (humanoid)", walker(), rollout([alone, box], "mipsd", ground), "eight contact points"),
     )
+    yield from pair_rows(model, ground)
+
+
+def pair_rows(model: Model, ground: Ground) -> Iterator[tuple[str, Work, Work, str]]:
+    """Yield rows of contact between bodies: far, and touching at one point and at five."""
+    alone = Placed(model, name="one")
+    feet, high = ("left_foot", "right_foot"), ("left_shoulder_block", "right_shoulder_block")
+    few = tuple((f"one/{foot}", f"one/{shoulder}") for foot in feet for shoulder in high)
+    none, far, every = (
+        partial(rollout, SceneModel("pairs", (alone,), pairs=pairs), "mipsd", ground) for pairs in ("none", few, "all")
+    )
+    eight = [partial(each, worlds=Worlds(8), record=("base_q",)) for each in (none, every)]
+    yield from (
+        ("no pairs (humanoid)", none(), far(), f"{len(few)} pairs of links, far"),
+        ("no pairs of any links (humanoid)", none(), every(), "all pairs of its links, none near"),
+        ("no pairs of any links, eight lanes", eight[0](), eight[1](), ""),
+    )
+    below = [Placed(solid(Sphere(0.05), 1.0), f"ball {k}", (3.0 + k, 0.0, 0.05)) for k in range(5)]
+    above = [Placed(ball.model, f"{ball.name} above", (*ball.position[:2], 0.1495)) for ball in below]
+    for count, what in ((1, "one point"), (5, "five points")):
+        members = (alone, *below[:count], *above[:count])
+        names = tuple((one.name, two.name) for one, two in zip(below[:count], above[:count]))
+        apart, touching = (rollout(SceneModel("balls", members, pairs=pairs), "mipsd", ground) for pairs in ((), names))
+        yield f"no touching at {what} (humanoid)", apart, touching, "a ball on a ball each"

@@ -21,11 +21,10 @@ from ..base.arguments import floats, vector
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.compile.varying import Varying
 from ..core.integrate.adaptive import rollout_adaptive
-from ..core.integrate.integrator import Sizes
+from ..core.integrate.integrator import Sizes, renewal_of
 from ..core.integrate.rollout import rollout_lanes, rollout_one
 from ..core.step import pace, state
 from ..core.step.context import Plan, Run, Scene
-from ..core.step.pool import KEPT, Renewal
 from ..core.step.program import DONE, FIRST, OFFSET
 from ..core.step.signals import Knots, Signals
 from ..geometry.distance import clearance_channel, contact_bench
@@ -275,14 +274,12 @@ class CompiledRun:
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(scene.layout["length"])
         frames = zeros(sizes.workspace) if sizes.bases and sizes.points else None
-        renewal = None
-        if sizes.pairs is not None:
-            renewal = Renewal(zeros(sizes.workspace), zeros((int(sizes.pairs.slots[0]), KEPT)))
         if self.controller is not None:
             signals = signals._replace(program=self.controller.bound(scene, zeros))
         if self.of_lanes is not None:
             constants, min_height = with_own_memory(self.of_lanes)
             plan = plan._replace(min_height=min_height)
+        renewal = renewal_of(sizes, zeros)
         return Run(constants, scene.places, plan, signals, work, good, self.channels, frames, self.stop, renewal)
 
     def named(self, out: np.ndarray, schedule: Plan | None = None) -> dict[str, np.ndarray]:

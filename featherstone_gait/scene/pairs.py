@@ -138,7 +138,10 @@ def build_pairs(
     margin = max(option.penetration, options.ground.penetration if _has_ground(solids) and options.ground else 0.0)
     room = np.array([slots, min(slots, max(MOST, 3 * len(trees_of(tree))))])
     turning = _turning(table, solids, shapes, option)
-    pairs = Pairs(shapes, table, own_rows, reach, radius, room, margin, turning)
+    outside = np.zeros(len(radius), np.int64)
+    for one, other in ((table.tree_a, table.tree_b), (table.tree_b, table.tree_a)):
+        outside[one[(one != other) & (one != WORLD)]] = 1
+    pairs = Pairs(shapes, table, own_rows, reach, outside, radius, room, margin, turning)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
     return Touching(pairs, names, tuple(parts.notes)), tree
 
@@ -333,7 +336,17 @@ def _with_rows(table: np.recarray, tree: Tree, pointed: np.ndarray) -> tuple[np.
     table.body_b = np.where(still, 0, table.body_b)
     table.row_a = bodies.contact[table.body_a]
     table.row_b = np.where(still, 0, bodies.contact[table.body_b])
+    table.meet = [
+        _common(bodies.parent, row.body_a, row.body_b) if row.tree_a == row.tree_b else len(bodies) for row in table
+    ]
     return table, tree._replace(bodies=bodies, rows=tree.rows + len(new)), own
+
+
+def _common(parent: np.ndarray, a: int, b: int) -> int:
+    """Return the last body that two bodies of one tree hang on."""
+    while a != b:
+        a, b = (parent[a], b) if a > b else (a, parent[b])
+    return int(a)
 
 
 def _fill_law(

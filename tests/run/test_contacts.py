@@ -194,3 +194,18 @@ def test_worlds_of_pairs_share_lanes():
         last = dragged.normal_force[1:-1]  # a step's friction has the normal force of the one before as its limit
         assert -dragged.force[2:, 0] == pytest.approx(friction * last, rel=1e-9)
     assert len({run["one"]["base_qd"][-1, 0] for run in runs}) == 4
+
+
+@pytest.mark.long
+def test_a_run_that_has_ended_leaves_its_neighbors_in_lanes_their_contacts():
+    scene = compile_scene(table_and_balls(), None, integrator="implicit_euler", timestep=1e-3, pairs="all")
+    start = towards(scene)
+    lost = start.copy()
+    lost[scene.layout["base_qd"]] = 1e9
+    first, *others = simulate_batch(scene, 0.1, states=[lost, *[start] * 7], record=RECORD, estimate_error=False)
+    alone = simulate(scene, 0.1, start, record=RECORD, estimate_error=False)
+    assert first.status == "diverged"
+    assert alone.contact("one", "two").normal_force.max() > 0.0
+    for run in others:
+        for name in ("base_q", "base_qd", "pair_force", "pair_work"):
+            assert run[name].tobytes() == alone[name].tobytes()

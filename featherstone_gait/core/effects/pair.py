@@ -19,8 +19,8 @@ from ..compile.outside import call_entry
 from ..compile.structure import record, structure
 from ..tree.distance import HALF_SPACE, Shapes
 from ..tree.forest import joint_count
-from ..tree.layout import SF, TOUCH, P, R, U, V
-from ..tree.rigid_body import center_velocity
+from ..tree.layout import SF, TOUCH, R, U, V
+from ..tree.rigid_body import center_velocity, point_position
 from ..tree.separation import gap_at_least
 from ..tree.spatial import (
     add,
@@ -75,6 +75,7 @@ PAIR = record(
     folded=int,  # 1 = b cannot move: a point of the pair touches a alone
     own_a=int,  # 1 = the body has no contact point on the ground, whose sum would clear the row
     own_b=int,
+    meet=int,  # row of the last body that both hang on, one beyond the last row if there is none
     slots=int,  # points that the pair can have
     stiffness=float,  # normal, of a point [N/m]
     damping=float,  # Hunt and Crossley's d [s/m]
@@ -99,6 +100,7 @@ class Pairs(NamedTuple):
     pairs: np.ndarray  # (pairs,) PAIR, by tree_a, tree_b and then bodies
     own_rows: np.ndarray  # (rows,) of row_a and row_b, those of bodies without a contact point on the ground
     reach: np.ndarray  # (joints,) bound of the way [m] that a shape moves by one radian or meter of a joint
+    outside: np.ndarray  # (trees,) 1 = may touch what is not of the tree
     radius: np.ndarray  # (trees,) bound of the distance from a tree's base to any point of its shapes [m]
     slots: np.ndarray  # (2,) slots of the pool; points between bodies that can move, of which so many act at once
     margin: float  # the depth at which a pair rests under its load [m]: gaps below it are looked at
@@ -137,6 +139,7 @@ class Pool(NamedTuple):
     # The narrow phase, one lane after the other, and the exchange of slots.
     manifold: np.ndarray  # (8, 8)
     bench: tuple  # Bench of manifold.py
+    placing: np.ndarray  # (4, 12) rotation and center [m] of two shapes by lane; way between trees, gap; 1: is near
     poses: np.ndarray  # (2, 12) rotation and center [m] of two shapes
     narrow: int  # address of `contacts_at`, which is compiled once for all kinds of scenes
     old: np.ndarray  # (slots, 6)
@@ -155,6 +158,8 @@ GAP = ON + 1  # distance of the surfaces where the predicted state has them [m];
 FACTOR = GAP + 1  # 4: h times the slopes as W W', W lower triangular: normal, 11, 21, 22
 COLUMNS = FACTOR + 4
 FAR = 1e9  # [m]
+SHAPE_POSE = 12  # numbers of a rotation and a center: columns of `Pool.placing`
+REACH = 2 * SHAPE_POSE + 3  # number in it up to which gap points are looked for [m]
 FULL = 5.0  # status of a run in which more touches than there is room for
 LEAST = 1e-150  # length of a bristle below which it is none [m]
 STRETCH = 2.0  # most by which a bristle is made longer that leaves the tangent plane: it is turned by up to 60 degrees
@@ -168,29 +173,53 @@ OLD = 6  # columns of `Pool.old`
 def place_pairs(pairs, predicted, step, lookahead_time):
     """Fill position, axes, penetration and predicted velocity of the points of all pairs in the pool.
 
-    W is that of a time [s] after the step's start: what the gap has changed since then is taken back.
+    W is that of a time [s] after the step's start: what the gap has changed since then is taken back.  What is not near
+    and has been found so before stays as it is, without a point.
     """
     y, offsets, pool, width = step.y, step.offsets, step.pool, width_of(step.y)
-    numbers, slots, c, placed = flat(y), len(pool.old), 0, 0
+    numbers, slots, c, placed, lane = flat(y), len(pool.old), 0, 0, _lane_that_goes_on(y, offsets.status)
     while c < slots:
-        k = int(numbers[(offsets.pair + c) * width]) - 1
+        k = int(numbers[(offsets.pair + c) * width + lane]) - 1
         if k < 0:
             break
         pair = pairs.pairs[k]
-        for j in range(pair.slots):
-            pool.pair[c + j] = k
-        _clear(pool.C, c, pair.slots)
-        _clear_moments(pairs.turning, pool, c, pair.slots)
-        pool.C[c, U0] = step.h_implicit  # by lane
-        for lane in range(width):
-            _place_in_lane(pairs, pair, predicted, step, c, lane, width)
-        for j in range(pair.slots):
-            _finish(pair, step, c + j, lookahead_time, pairs.margin)
-            pool.placed[placed] = c + j
-            placed = _finish_moment(pairs.turning, pair, step, c + j, placed + 1)
+        near = _approach(pairs, pair, predicted, step)
+        for j in range(c, c + pair.slots):
+            near = near or _is_known(pairs.turning, y, offsets, j)
+        if near:
+            _clear(pool.C, c, pair.slots)
+            _clear_moments(pairs.turning, pool, c, pair.slots)
+            for lane_of in range(width):
+                _place_in_lane(pairs, pair, step, c, lane_of, width)
+            for j in range(c, c + pair.slots):
+                if any_lane(pool.C[j, GAP] < FAR) or _is_known(pairs.turning, y, offsets, j):
+                    pool.pair[j], pool.placed[placed] = k, j
+                    _finish(pair, step, j, lookahead_time, pairs.margin)
+                    placed = _finish_moment(pairs.turning, pair, step, j, placed + 1)
         c += pair.slots
     pool.count[0] = placed
     pool.count[2] = c
+
+
+@inline
+def _lane_that_goes_on(y, status):
+    """Return a lane whose run has not ended: one that has keeps the pool that it had then."""
+    ended, lane = flat(y), 0
+    while lane < width_of(y) - 1 and ended[status * width_of(y) + lane] > 0.0:
+        lane += 1
+    return lane
+
+
+@inline
+def _is_known(turning, y, offsets, c):
+    """Return whether the state holds a point in the slot c, in any lane, or what one has left there."""
+    z = _deflection(y, offsets, c)
+    left = (y[offsets.pair_feature + c] > 0.0) | (y[offsets.pair_gap + c] < FAR)
+    left = left | (abs(z[0]) + abs(z[1]) + abs(z[2]) > 0.0)
+    if turning is not None:
+        for k in range(4):
+            left = left | (abs(y[offsets.pair_turning + 4 * c + k]) > 0.0)
+    return any_lane(left)
 
 
 @inline
@@ -206,24 +235,16 @@ def _clear(C, c, count):
 
 
 @inline
-def _pose(shape, tree, body, W, lane, width):
-    """Return rotation (9) and center (3) of a shape in one lane, in the frame of its tree [m]; W flat."""
+def shape_pose(shape, tree, body, W):
+    """Return rotation (9) and center (3) [m] of a shape in the frame of its tree, in the world where tree < 0."""
+    E, r = load9_of(shape.E), vector(shape.r)
     if tree < 0:
-        return load9_of(shape.E), vector(shape.r)
-    start = body * width + lane
-    E = (
-        W[start + R * width],
-        W[start + (R + 1) * width],
-        W[start + (R + 2) * width],
-        W[start + (R + 3) * width],
-        W[start + (R + 4) * width],
-        W[start + (R + 5) * width],
-        W[start + (R + 6) * width],
-        W[start + (R + 7) * width],
-        W[start + (R + 8) * width],
-    )
-    p = (W[start + P * width], W[start + (P + 1) * width], W[start + (P + 2) * width])
-    return compose(E, load9_of(shape.E)), add(p, rotate(E, vector(shape.r)))
+        zero = 0.0 * W[0, R]
+        return (
+            (E[0] + zero, E[1] + zero, E[2] + zero, E[3] + zero, E[4] + zero, E[5] + zero, E[6] + zero, E[7] + zero,
+             E[8] + zero), (r[0] + zero, r[1] + zero, r[2] + zero),
+        )  # fmt: skip
+    return compose(load9(W, body, R), E), point_position(body, r, W)
 
 
 @inline
@@ -232,53 +253,77 @@ def load9_of(a):
     return (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8])
 
 
-@kernel
-def base_position(predicted, step, tree, lane, width):
-    """Return the origin of a tree's frame in the world in one lane [m]; that of the world for tree < 0."""
+@inline
+def _base_position(predicted, step, tree):
+    """Return the origin of a tree's frame in the world [m]; that of the world for tree < 0."""
     if tree < 0:
-        return (0.0, 0.0, 0.0)
-    return _position(predicted, step, tree, lane, width)
+        zero = 0.0 * step.W[0, R]
+        return (zero, zero, zero)
+    return _position(predicted, step, tree)
 
 
 @inline
-def _position(predicted, step, tree, lane, width):
-    if predicted is None:
-        y, at = flat(step.y), (step.offsets.base_q + 7 * tree) * width + lane
-    else:
-        y, at = flat(predicted), (2 * joint_count(step.scene.trees, step.scene.tree) + 7 * tree) * width + lane
-    return (y[at], y[at + width], y[at + 2 * width])
+def _position(predicted, step, tree):
+    y, at = step.y, step.offsets.base_q + 7 * tree
+    if predicted is not None:
+        y, at = predicted, 2 * joint_count(step.scene.trees, step.scene.tree) + 7 * tree
+    return (y[at], y[at + 1], y[at + 2])
 
 
 @inline
-def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
-    """Find the points of a pair in one lane, and put each into the slot that its features had."""
-    pool, W, columns = step.pool, flat(step.W), step.W.shape[1]
+def _approach(pairs, pair, predicted, step):
+    """Fill poses and distance to be looked at of two shapes; return whether they are nearer than that, in any lane."""
+    W, placing = step.W, step.pool.placing
     a, b = pairs.shapes.table[pair.a], pairs.shapes.table[pair.b]
-    Ea, ra = _pose(a, pair.tree_a, pair.body_a * columns, W, lane, width)
-    Eb, rb = _pose(b, pair.tree_b, pair.body_b * columns, W, lane, width)
-    shift = (0.0, 0.0, 0.0)  # from the frame of tree_b to that of tree_a
+    Ea, ra = shape_pose(a, pair.tree_a, pair.body_a, W)
+    Eb, rb = shape_pose(b, pair.tree_b, pair.body_b, W)
+    zero = 0.0 + 0.0 * ra[0]
+    shift = (zero, zero, zero)  # from the frame of tree_b to that of tree_a
     if pair.tree_b != pair.tree_a:
-        origin = base_position(predicted, step, pair.tree_a, lane, width)
-        shift = sub(base_position(predicted, step, pair.tree_b, lane, width), origin)
-    h = flat(pool.C)[(c * COLUMNS + U0) * width + lane]
-    speed = _speed(pair, (a, b), (ra, rb), step, lane, width)
-    far, blind = 2.0 * h * speed + SUDDEN * (h * h) + pairs.margin, 0.0
-    if h < step.span:
-        blind = step.span * speed
+        shift = sub(_base_position(predicted, step, pair.tree_b), _base_position(predicted, step, pair.tree_a))
+    h, span = zero + step.h_implicit, zero + step.span
+    speed = _speed(pair, (a, b), (ra, rb), step)
+    far = 2.0 * h * speed + SUDDEN * (h * h) + pairs.margin
+    blind = select(h < span, span * speed, zero)
     rb = add(rb, shift)
-    gap = gap_at_least(a, b, Ea, Eb, sub(ra, rb), max(far, blind))
-    if gap < blind and blind > _thickness(a, b):
-        flat(step.y)[(step.offsets.newton_iterations + 1) * width + lane] += 1.0
-    found = 0
-    if gap < far:
-        poses = pool.poses
-        store9(poses, 0, 0, Ea)
-        store3(poses, 0, 9, ra)
-        store9(poses, 1, 0, Eb)
-        store3(poses, 1, 9, rb)
-        found = call_entry(pool.narrow, (pairs.shapes, pair.a, pair.b, poses, far, pool.bench, pool.manifold))
+    gap = gap_at_least(a, b, Ea, Eb, sub(ra, rb), select(far > blind, far, blind))
+    _jump((gap < blind) & (blind > _thickness(a, b)), step)
+    near = gap < far
+    put_pair(placing, (Ea, ra), (Eb, rb), far, near)
+    store3(placing, 2, 0, shift)
+    return any_lane(near)
+
+
+@inline
+def put_pair(placing, a, b, far, near):
+    """Store the poses of two shapes for `look_in_lane`, how far apart their points are looked for, and where at all."""
+    store9(placing, 0, 0, a[0])
+    store3(placing, 0, 9, a[1])
+    store9(placing, 1, 0, b[0])
+    store3(placing, 1, 9, b[1])
+    placing[2, 3] = far
+    placing[3, 0] = select(near, 1.0 + 0.0 * far, 0.0 * far)
+
+
+@inline
+def look_in_lane(pairs, pair, room, lane, width):
+    """Fill the manifold of a pair in one lane; return the count of its points.  room: Pool or Renewal."""
+    placing, found = flat(room.placing), 0
+    if placing[3 * SHAPE_POSE * width + lane] > 0.0:
+        for k in range(2 * SHAPE_POSE):
+            room.poses[k // SHAPE_POSE, k % SHAPE_POSE] = placing[k * width + lane]
+        far = placing[REACH * width + lane]
+        found = call_entry(room.narrow, (pairs.shapes, pair.a, pair.b, room.poses, far, room.bench, room.manifold))
+    return found
+
+
+@inline
+def _place_in_lane(pairs, pair, step, c, lane, width):
+    """Find the points of a pair in one lane, and put each into the slot that its features had."""
+    pool, placing, found = step.pool, flat(step.pool.placing), look_in_lane(pairs, pair, step.pool, lane, width)
     _keep_features(pairs.turning, pair, step, c, lane, width, found)
-    C = flat(pool.C)
+    C, at = flat(pool.C), 2 * SHAPE_POSE * width + lane
+    shift = (placing[at], placing[at + width], placing[at + 2 * width])
     for m in range(found):
         j = int(pool.old[m, 0])
         if j >= 0:
@@ -293,11 +338,11 @@ def _place_in_lane(pairs, pair, predicted, step, c, lane, width):
 
 
 @inline
-def _speed(pair, shapes, centers, step, lane, width):
-    """Return how fast points of two shapes can move towards each other in one lane [m/s]."""
+def _speed(pair, shapes, centers, step):
+    """Return how fast points of two shapes can move towards each other [m/s]."""
     (a, b), (ra, rb) = shapes, centers
-    va, wa = _motion(pair.tree_a, pair.body_a, ra, step, lane, width)
-    vb, wb = _motion(pair.tree_b, pair.body_b, rb, step, lane, width)
+    va, wa = _motion(pair.tree_a, pair.body_a, ra, step.W)
+    vb, wb = _motion(pair.tree_b, pair.body_b, rb, step.W)
     v, turn = sub(va, vb), sqrt(dot(wa, wa)) * a.bound
     if pair.folded == 0:
         turn = turn + sqrt(dot(wb, wb)) * b.bound
@@ -305,6 +350,14 @@ def _speed(pair, shapes, centers, step, lane, width):
 
 
 SUDDEN = 100.0  # acceleration for which there is room [m/s^2]; twice the way of a step is looked ahead
+
+
+@inline
+def _jump(mask, step):
+    """Count a step in which a body may jump over another as one that has not converged."""
+    y, at = step.y, step.offsets.newton_iterations + 1
+    if any_lane(mask):
+        y[at] = select(mask, y[at] + 1.0, y[at])
 
 
 @inline
@@ -317,14 +370,12 @@ def _thickness(a, b):
 
 
 @inline
-def _motion(tree, body, r, step, lane, width):
-    """Return the velocities of the point r and of the body in one lane [m/s, rad/s]."""
+def _motion(tree, body, r, W):
+    """Return the velocities of the point r and of the body [m/s, rad/s]."""
     if tree < 0:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    W, at = flat(step.W), (body * step.W.shape[1] + V) * width + lane
-    w = (W[at], W[at + width], W[at + 2 * width])
-    v = (W[at + 3 * width], W[at + 4 * width], W[at + 5 * width])
-    return add(v, cross(w, r)), w
+        zero = 0.0 * r[0]
+        return (zero, zero, zero), (zero, zero, zero)
+    return center_velocity(body, r, W), load3(W, body, V)
 
 
 @inline
@@ -681,11 +732,11 @@ def _record(pair, step, c, f):
     y, o, C = step.y, step.offsets, step.pool.C
     n, t, s = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
     world = add(scale(n, f[0]), add(scale(t, f[1]), scale(s, f[2])))
-    at = o.base_q + 7 * pair.tree_a
+    at, found, zero = o.base_q + 7 * pair.tree_a, C[c, GAP] < FAR, 0.0 * C[c, ON]
     for k in range(3):
-        y[o.pair_force + 3 * c + k] = world[k]
-        y[o.pair_position + 3 * c + k] = C[c, XP + k] + y[at + k]
-    y[o.pair_normal_force + c] = f[0]
+        y[o.pair_force + 3 * c + k] = select(found, world[k], zero)
+        y[o.pair_position + 3 * c + k] = select(found, C[c, XP + k] + y[at + k], zero)
+    y[o.pair_normal_force + c] = select(found, f[0], zero)
     y[o.pair_gap + c] = C[c, GAP]
 
 
@@ -846,3 +897,41 @@ def pair_branch(turning, pair, step, c):
     _, _, slips = friction_force(pair, bristle(C, c), u, C[c, LIMIT], step.h_implicit)
     one = 1.0 + 0.0 * fn
     return select(fn > 0.0, select(slips, 2.0 * one, one), 0.0 * fn)
+
+
+# ---------------------------------------------------------------------------------------------- copies of the state
+
+
+@inline
+def slots_in_use(o, y, slots):
+    """Return how many of the slots have a pair, in any lane."""
+    used = 0
+    while used < slots and any_lane(y[o.pair + used] > 0.0):
+        used += 1
+    return used
+
+
+@inline
+def copy_where(mask, pairs, o, source, y):
+    """Copy the state where the mask holds; slots that neither of both uses are left out."""
+    at = 0
+    if pairs is not None:
+        slots = pairs.slots[0]
+        used = max(slots_in_use(o, source, slots), slots_in_use(o, y, slots))
+        for start, width in (
+            (o.pair_deflection, 3), (o.pair, 1), (o.pair_feature, 1), (o.pair_force, 3), (o.pair_normal_force, 1),
+            (o.pair_gap, 1), (o.pair_position, 3),
+        ):  # fmt: skip
+            _copy(mask, at, start + width * used, source, y)
+            at = start + width * slots
+    _copy(mask, at, len(y), source, y)
+
+
+@inline
+def _copy(mask, first, end, source, y):
+    if mask is None:
+        for i in range(first, end):
+            y[i] = source[i]
+    else:
+        for i in range(first, end):
+            y[i] = select(mask, source[i], y[i])

@@ -13,7 +13,7 @@ from ..effects.controller import apply_delayed
 from ..effects.pair import FULL
 from ..effects.push import EVENT_MARGIN, next_edge
 from ..step.pace import ATTEMPTS, EVALUATIONS, EVENT, GRID, INSIDE, MARK, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
-from ..step.pool import longest_step, renew_pool, spend
+from ..step.pool import longest_step, renew_pool
 from ..step.program import writes_torques
 from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
@@ -123,7 +123,6 @@ def _cross(run, y, k, end, most, out):
             y[run.offsets[0].status] = FULL
             return True
         h = take_adaptive_step(run.work, run, y, t + done, min(longest, until - done))
-        spend(run.scene.pairs, run, y, h)
         follow(run.scene.coupling, run.offsets[0], y)
         next_record = record_within(run.work, run, y, (t + done, h, end), next_record, out)
         done = until if h >= until - done else done + h

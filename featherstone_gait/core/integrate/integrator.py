@@ -6,7 +6,7 @@ A new integrator is one file with a workspace (a NamedTuple of arrays), a kernel
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from ..compile.by_type import by_type, overridable
 from ..compile.jit import address_of
 from ..effects.contact import SCRATCH as CONTACT_SCRATCH
 from ..effects.pair import COLUMNS as PAIR_SCRATCH
-from ..effects.pair import OLD, Pool
+from ..effects.pair import OLD, SHAPE_POSE, Pool
 from ..step.context import Scratch
 from ..step.newton import SCRATCH as JOINT_SCRATCH
+from ..step.pool import KEPT, Renewal
 from ..tree.manifold import contacts_at
 from ..tree.rows import SIDE
 
@@ -139,16 +140,31 @@ def pool_of(sizes: Sizes, zeros) -> Pool | None:
     def whole(size):
         return np.zeros(size, np.int64)
 
-    manifold, poses = np.zeros((8, 8)), np.zeros((2, 12))
-    narrow = address_of(contacts_at, sizes.pairs.shapes, 0, 0, poses, 0.0, sizes.bench, manifold)
-
     return Pool(
         C=zeros((placed, PAIR_SCRATCH)), pair=whole(placed), count=whole(4), placed=whole(placed), parent=whole(trees),
         trees=whole(trees), first_tree=whole(trees + 1), points=whole(placed), first_point=whole(trees + 1),
-        island=whole(trees),
-        label=zeros(trees), at_work=zeros(trees), wrong=zeros(trees), slope=zeros(trees), fraction=zeros(trees),
-        shared=zeros(trees), row_point=whole(points), envelope=whole(points),
+        island=whole(trees), label=zeros(trees), at_work=zeros(trees), wrong=zeros(trees), slope=zeros(trees),
+        fraction=zeros(trees), shared=zeros(trees), row_point=whole(points), envelope=whole(points),
         responses=zeros((rows, 2, sizes.largest)), roots=zeros((rows, 2, SIDE)), matrix=zeros((rows, rows)),
-        force=zeros((2, rows)), manifold=manifold, bench=sizes.bench, poses=poses, narrow=narrow,
-        old=np.zeros((slots, OLD)),
+        force=zeros((2, rows)), old=np.zeros((slots, OLD)), **_narrow_phase(sizes, zeros),
     )  # fmt: skip
+
+
+def renewal_of(sizes: Sizes, zeros) -> Renewal | None:
+    """Make the arrays with which the pool is renewed, None without pairs."""
+    if sizes.pairs is None:
+        return None
+    return Renewal(
+        last=zeros(7 * sizes.trees + sizes.n), ways=zeros((3, sizes.bodies + 1)), due=zeros(len(sizes.pairs.pairs)),
+        frames=zeros(sizes.workspace), kept=zeros((int(sizes.pairs.slots[0]), KEPT)), **_narrow_phase(sizes, zeros),
+    )  # fmt: skip
+
+
+def _narrow_phase(sizes: Sizes, zeros) -> dict[str, Any]:
+    """Make the scratch arrays of the narrow phase; return them with its address, by their names in `Pool`."""
+    assert sizes.pairs is not None
+    manifold, poses = np.zeros((8, 8)), np.zeros((2, SHAPE_POSE))
+    narrow = address_of(contacts_at, sizes.pairs.shapes, 0, 0, poses, 0.0, sizes.bench, manifold)
+    return {
+        "placing": zeros((4, SHAPE_POSE)), "poses": poses, "manifold": manifold, "bench": sizes.bench, "narrow": narrow
+    }  # fmt: skip

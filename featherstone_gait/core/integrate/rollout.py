@@ -7,7 +7,7 @@ from ..compile.outside import read_now
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import apply_delayed, control_tick
-from ..effects.pair import FULL
+from ..effects.pair import FULL, copy_where
 from ..step.pool import renew_pool
 from ..step.program import commanded, writes_torques
 from ..step.signals import EVENT_MARGIN, evaluate, time_of
@@ -27,15 +27,14 @@ def rollout(run, y, out):
     plan, offsets = run.plan, run.offsets[0]
     theta, steady = thetas(run.work, plan.theta, y[offsets.end_time])
     dead = y[offsets.status] > 0.0
-    for i in range(len(run.good)):
-        run.good[i] = y[i]
+    copy_where(None, None, offsets, y, run.good)
     for k in range(plan.steps + 1):
         t = time_of(plan, k)
         if k % plan.per_tick == 0 or k == plan.steps:
             dead = inspect(run, t, y)
             if k < plan.steps:  # the tick at the very end is the first of what goes on from here
                 tick(run, k, t, y)
-                _freeze_ended(dead, run.good, y)
+                _freeze_ended(dead, run, y)
         else:
             _between_ticks(run.scene.firmware.delay, dead, run, k, y)
         if k % plan.per_sample == 0:
@@ -48,7 +47,7 @@ def rollout(run, y, out):
             break
         take_step(run.work, run, y, t, theta)
         follow(run.scene.coupling, offsets, y)
-        _freeze_ended(dead, run.good, y)
+        _freeze_ended(dead, run, y)
         theta = steady
     for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state
         record(run, y, m, out)
@@ -69,11 +68,10 @@ def _end_full(dead, run, y):
 
 
 @inline
-def _freeze_ended(dead, good, y):
+def _freeze_ended(dead, run, y):
     """Keep a run that has ended at its last sound state."""
     if any_lane(dead):
-        for i in range(len(good)):
-            y[i] = select(dead, good[i], y[i])
+        copy_where(dead, run.scene.pairs, run.offsets[0], run.good, y)
 
 
 @inline
@@ -113,7 +111,7 @@ def _between_ticks(delay, dead, run, k, y):
     """Apply delayed voltages that are due at step k, which is no tick."""
     if delay is not None:
         apply_delayed(delay, run.scene, run.offsets[0], y, k % run.plan.per_tick)
-        _freeze_ended(dead, run.good, y)
+        _freeze_ended(dead, run, y)
 
 
 @kernel
@@ -134,12 +132,10 @@ def inspect(run, t, y):
     dead = y[offsets.status] > 0.0
     new = invert(dead) & (failed > 0.0)
     if any_lane(new & (failed == DIVERGED)):
-        for i in range(len(good)):
-            y[i] = select(new & (failed == DIVERGED), good[i], y[i])
+        copy_where(new & (failed == DIVERGED), run.scene.pairs, offsets, good, y)
     y[offsets.status] = select(new, failed, y[offsets.status])
     y[offsets.end_time] = select(dead, y[offsets.end_time], t + 0.0 * y[offsets.end_time])
-    for i in range(len(good)):
-        good[i] = y[i]
+    copy_where(None, run.scene.pairs, offsets, y, good)
     return dead | new
 
 

@@ -1,9 +1,12 @@
 """The pool: which pairs are near, and the slots of the state in which their points keep bristles and forces.
 
-Pairs whose bounding spheres are closer than a radius have a block of slots, in the order of the table; for all others
-nothing is done in a step.  How far apart the nearest of these others is makes a budget: the way that bodies may move
-until the pool is renewed.  A bound of the speeds of all shapes spends it, so that most steps look at no pair that is
-far.  What a pair's slots hold moves with it; which pairs are in the pool beyond those that touch changes no bit.
+Pairs that may touch within some steps have a block of slots, in the order of the table; for all others nothing is done
+in a step.  How far apart the nearest of these others is makes a budget: the way that bodies may move until the pool is
+renewed.  A bound of the way of all shapes since then is compared with it, so that most steps look at no pair.
+
+When the pool is renewed, bounds of the way of each body since the last time say how near each pair can have come to its
+distance when that was last computed.  It is computed again only where that is too near.  What a pair's slots hold moves
+with it; which pairs are in the pool beyond those that touch changes no bit of a step.
 
 In lanes the pool holds the pairs that are near in any of them.
 """
@@ -12,43 +15,59 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import inline, kernel
-from ..compile.lanes import any_lane, flat, select, sqrt, width_of
+from ..compile.jit import apart, inline, kernel
+from ..compile.lanes import any_lane, flat, invert, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.structure import structure
-from ..effects.pair import FAR, SUDDEN, load9_of
-from ..tree.forest import base_of, joints_of
+from ..effects.pair import FAR, REACH, SUDDEN, look_in_lane, put_pair, shape_pose, slots_in_use
+from ..tree.distance import HALF_SPACE
+from ..tree.forest import base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import pose_pass
-from ..tree.layout import R
-from ..tree.rigid_body import point_position
 from ..tree.separation import gap_at_least
-from ..tree.spatial import add, compose, load9, sub, vector
+from ..tree.spatial import add, sub
 
-SPENDING = 8.0  # times what a step may spend: the radius of the pool
+SPENDING = 3.0  # times the way of a pair's shapes in a step: below it the pair is in the pool
+FARTHER = 10.0  # times that: how far away its distance is computed
 LONGEST = 2e-2  # [s] for which a pool is renewed; steps with error control may be longer where nothing is near
 SHORTEST = 1e-6  # step [s] that is tried before a pool is said to be too small
 SEEN = 4.0  # times the resting depth
 KEPT = 10  # numbers of a slot that move with its pair: pair, feature, bristle, normal force, bristles of the moment
+ROUNDED = 1.001  # by how much more than the margin a gap is less
+CHORD = 3.141592653589793  # an angle [rad] by the distance of its quaternions is at most this
+WAY, MOVED, SPEED = 0, 1, 2  # rows of `Renewal.ways`
 
 
 @structure
 class Renewal(NamedTuple):
-    """Scratch arrays."""
+    """What is known from the last time that the pool was renewed, and scratch arrays."""
 
+    last: np.ndarray  # (7 trees + joints,) coordinates then
+    ways: np.ndarray  # (3, bodies + 1) bounds of the way of each body's shapes so far and since then [m], speed [m/s]
+    due: np.ndarray  # (pairs,) the way of both shapes that they may have come when they must be looked at again [m]
     frames: np.ndarray  # poses, in the rows of the tree's workspace
     kept: np.ndarray  # (slots, KEPT)
+    placing: np.ndarray  # the same as in Pool, and so are the others
+    poses: np.ndarray
+    manifold: np.ndarray
+    bench: tuple
+    narrow: int
+
+    SHARED = ("poses", "manifold", "bench", "narrow")
 
 
 @if_present(True)
 def renew_pool(pairs, run, y, h, begins):
     """Renew the pool if the budget does not reach for a step h [s], or if a run begins; return whether all fits in."""
     o = run.offsets[0]
-    fits, cost = True, spending(run, y, h)
-    if begins or any_lane(y[o.pair_budget] < 2.0 * cost):
-        _keep(pairs, run, y)
-        fits = _renew_for(pairs, run, y, h)
-    y[o.pair_budget] = y[o.pair_budget] - cost
-    return fits
+    if begins or any_lane(invert(_reaches(run, y, h)) & _goes_on(o, y)):
+        return _renew(pairs, run, y, h)
+    return True
+
+
+@inline
+def _goes_on(o, y):
+    """Return whether the run has not ended."""
+    return invert(y[o.status] > 0.0)
 
 
 @if_present(1e300)
@@ -58,15 +77,13 @@ def longest_step(pairs, run, y, h, ahead):
     Returns -1 where the pool has not enough slots for any step.  ahead None: the method sees no contact before it is
     there, so that while any pair is near no shape may move by more than some depths at which a contact rests.
     """
-    o = run.offsets[0]
-    if y[o.pair_budget] < 2.0 * spending(run, y, h):
-        _keep(pairs, run, y)
-        while not _renew_for(pairs, run, y, h):
-            h = 0.5 * h
-            if h < SHORTEST:
-                return -1.0
-    while y[o.pair_budget] < 2.0 * spending(run, y, h):
-        h = 0.5 * h
+    if not _reaches(run, y, h):
+        h = min(h, LONGEST)
+        if not _reaches(run, y, h):
+            while not _renew(pairs, run, y, h):
+                h = 0.5 * h
+                if h < SHORTEST:
+                    return -1.0
     return _before_contact(ahead, pairs, run, y, h)
 
 
@@ -74,70 +91,147 @@ def longest_step(pairs, run, y, h, ahead):
 def _before_contact(ahead, pairs, run, y, h):
     if ahead is None:
         if y[run.offsets[0].pair] > 0.0:
-            way = spending(run, y, h)
-            share = SEEN * pairs.margin / max(way, 1e-300)
+            _, speed = _motion(run, y)
+            share = SEEN * pairs.margin / max(_way_of(speed, h), 1e-300)
             if run.plan.second_run:  # else both would take the same steps, and their difference be none
                 share = 0.5 * share
             return min(h, h * max(share, 1e-6))
     return h
 
 
-@if_present()
-def spend(pairs, run, y, h):
-    """Take from the budget what the step h [s] may have moved."""
-    o = run.offsets[0]
-    y[o.pair_budget] = y[o.pair_budget] - spending(run, y, h)
+@inline
+def _reaches(run, y, h):
+    """Return whether the budget is more than what shapes have moved since it was made, and may move in a step h [s]."""
+    moved, speed = _motion(run, y)
+    return moved + _way_of(speed, h) < y[run.offsets[0].pair_budget]
 
 
 @kernel
-def spending(run, y, h):
-    """Return a bound of how much closer two shapes come in a step h [s], and as much again for changes of speed [m]."""
-    scene, o = run.scene, run.offsets[0]
+def _motion(run, y):
+    """Return bounds of how much closer two shapes have come since the last time [m], and how fast they do so [m/s]."""
+    scene, o, last = run.scene, run.offsets[0], run.renewal.last
     trees, pairs = scene.trees, scene.pairs
-    most = 0.0 * y[o.pair_budget]
+    most, fastest = 0.0 * y[o.pair_budget], 0.0 * y[o.pair_budget]
+    at = 7 * len(trees)
     for k in range(len(trees)):
-        part = trees[k]
-        v = base_of(True, part, y, o.base_qd, 6)
-        speed = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-        speed = speed + pairs.radius[k] * sqrt(v[3] * v[3] + v[4] * v[4] + v[5] * v[5])
-        first, end = joints_of(part, scene.tree)
+        moved, speed = 0.0 * most, 0.0 * most
+        first, end = joints_of(trees[k], scene.tree)
         for i in range(first, end):
+            moved = moved + pairs.reach[i] * abs(y[o.q + i] - last[at + i])
             speed = speed + pairs.reach[i] * abs(y[o.qd + i])
-        most = select(speed > most, speed, most)
-    return 4.0 * h * most + SUDDEN * (h * h)
+        if pairs.outside[k] > 0:  # two such trees may come closer, else two links of one, by as much as they turn
+            shift, velocity = _of_base(run, y, k)
+            moved, speed = 2.0 * (moved + shift), 2.0 * (speed + velocity)
+        most = select(moved > most, moved, most)
+        fastest = select(speed > fastest, speed, fastest)
+    return most, fastest
 
 
 @inline
-def _renew_for(pairs, run, y, h):
-    """Renew the pool for steps of h [s]: widely, or if that needs more slots than there are, for one step alone."""
-    way = spending(run, y, min(h, LONGEST))
-    return _renew(pairs, run, y, SPENDING * way) or _renew(pairs, run, y, 3.0 * way)
+def _of_base(run, y, k):
+    """Return bounds of way [m] since the last time and speed [m/s] of shapes that move with a tree's base."""
+    o, last, radius, part, at = run.offsets[0], run.renewal.last, run.scene.pairs.radius[k], run.scene.trees[k], 7 * k
+    x, v = base_of(True, part, y, o.base_q, 7), base_of(True, part, y, o.base_qd, 6)
+    shift, turn = 0.0 * x[0], 0.0 * x[0]
+    for i in range(3):
+        shift = shift + (x[i] - last[at + i]) * (x[i] - last[at + i])
+    for i in range(3, 7):
+        turn = turn + (x[i] - last[at + i]) * (x[i] - last[at + i])
+    speed = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    speed = speed + radius * sqrt(v[3] * v[3] + v[4] * v[4] + v[5] * v[5])
+    return sqrt(shift) + (CHORD * radius) * sqrt(turn), speed
 
 
-@kernel
-def _keep(pairs, run, y):
-    """Find all poses, and copy what the slots hold."""
-    scene, o, kept = run.scene, run.offsets[0], run.renewal.kept
-    n = scene.trees[len(scene.trees) - 1].end_joint
+@inline
+def _way_of(speed, h):
+    """Return how much closer shapes come in a step h [s] at a speed [m/s], and as much again for its changes [m]."""
+    return 2.0 * h * speed + SUDDEN * (h * h)
+
+
+@apart
+def _renew(pairs, run, y, h):
+    """Give the pairs that may touch in the next steps h [s] slots, and set the budget; return whether there are enough.
+
+    If the pool has not enough slots, it holds those that may touch in this step.
+    """
+    o, room = run.offsets[0], run.renewal
+    slots, going = len(room.kept), _goes_on(o, y)
+    _move_on(pairs, run, y)
+    posed, wide, least = False, 0, 0
+    for k in range(len(pairs.pairs)):
+        pair = pairs.pairs[k]
+        way, step = _between(pair, room.ways, WAY), _way_of(_between(pair, room.ways, SPEED), h)
+        if any_lane((room.due[k] - way < SPENDING * step) & going):
+            if not posed:
+                _pose_all(run, y)
+                posed = True
+            room.due[k] = way + _least_gap(pairs, pair, o, y, room, FARTHER * step)
+            if any_lane((room.due[k] - way < SPENDING * step) & going):
+                wide += pair.slots
+            if any_lane((room.due[k] - way < step) & going):
+                least += pair.slots
+    fits = min(wide, least) <= slots
+    if fits:
+        _deal_out(pairs, y, h, run, SPENDING if wide <= slots else 1.0)
+    return fits
+
+
+@inline
+def _pose_all(run, y):
+    """Fill the poses of all bodies."""
+    scene, o = run.scene, run.offsets[0]
+    n = joint_count(scene.trees, scene.tree)
     for k in range(len(scene.trees)):
-        base = base_of(True, scene.trees[k], y, o.base_q, 7)
-        pose_pass(scene.tree, scene.trees[k], base, y[o.q : o.q + n], run.renewal.frames)
-    for c in range(len(kept)):
+        base_q = base_of(True, scene.trees[k], y, o.base_q, 7)
+        pose_pass(scene.tree, scene.trees[k], base_q, y[o.q : o.q + n], run.renewal.frames)
+
+
+@inline
+def _move_on(pairs, run, y):
+    """Add up the ways of all bodies since the last time, and find their speeds."""
+    scene, o, last, ways = run.scene, run.offsets[0], run.renewal.last, run.renewal.ways
+    trees, sound = scene.trees, y[o.status] == y[o.status]
+    for k in range(len(trees)):
+        part = trees[k]
+        root, end = rows_of(part, scene.tree)
+        ways[MOVED, root], ways[SPEED, root] = _of_base(run, y, k)
+        x = base_of(True, part, y, o.base_q, 7)
+        for i in range(7):
+            last[7 * k + i] = x[i]
+        at = 7 * len(trees)
+        for i in range(root + 1, end):
+            up, j = scene.tree[i].parent, scene.tree[i].dof
+            ways[MOVED, i] = ways[MOVED, up] + pairs.reach[j] * abs(y[o.q + j] - last[at + j])
+            ways[SPEED, i] = ways[SPEED, up] + pairs.reach[j] * abs(y[o.qd + j])
+            last[at + j] = y[o.q + j]
+        for i in range(root, end):
+            sound = sound & (ways[MOVED, i] < FAR)
+    for i in range(len(scene.tree)):
+        ways[WAY, i] = select(sound, ways[WAY, i] + ways[MOVED, i], 0.0 * y[o.pair_budget])
+    if any_lane(invert(sound)):  # infinity, or what follows it
+        for k in range(len(pairs.pairs)):
+            run.renewal.due[k] = select(sound, run.renewal.due[k], -FAR + 0.0 * y[o.pair_budget])
+
+
+@inline
+def _between(pair, ways, row):
+    """Return a bound for the two shapes of a pair from those of their bodies: what both have in common is neither's."""
+    b = pair.body_b if pair.tree_b >= 0 else ways.shape[1] - 1
+    return ways[row, pair.body_a] + ways[row, b] - 2.0 * ways[row, pair.meet]
+
+
+@inline
+def _deal_out(pairs, y, h, run, spending):
+    """Give slots to the pairs that are nearer than so many times their way in a step h [s], while there are any."""
+    o, room, width = run.offsets[0], run.renewal, width_of(y)
+    kept, slots, used, old, going = room.kept, len(room.kept), 0, 0, _goes_on(o, y)
+    before = slots_in_use(o, y, slots)
+    for c in range(before):
         kept[c, 0], kept[c, 1] = y[o.pair + c], y[o.pair_feature + c]
         for k in range(3):
             kept[c, 2 + k] = y[o.pair_deflection + 3 * c + k]
         kept[c, 5] = y[o.pair_normal_force + c]
         _keep_moment(pairs.turning, kept, c, o, y)
-
-
-@kernel
-def _renew(pairs, run, y, radius):
-    """Give the pairs within the radius [m] their slots, and set the budget; return whether there are enough."""
-    o, width = run.offsets[0], width_of(y)
-    frames, kept = run.renewal.frames, run.renewal.kept
-    slots, used, fits = len(kept), 0, True
-    for c in range(slots):
-        _clear_moment(pairs.turning, c, o, y)
         y[o.pair + c] = 0.0
         y[o.pair_feature + c] = 0.0
         y[o.pair_normal_force + c] = 0.0
@@ -149,74 +243,79 @@ def _renew(pairs, run, y, radius):
     budget = FAR + 0.0 * y[o.pair_budget]
     for k in range(len(pairs.pairs)):
         pair = pairs.pairs[k]
-        gap = _least_gap(pairs, pair, o, y, frames, radius + pairs.margin) - pairs.margin
-        if any_lane(gap < radius):
-            if used + pair.slots > slots:
-                fits = False
-                budget = select(gap < budget, gap, budget)
-            else:
-                _take_over(pairs.turning, k, pair.slots, used, kept, o, y, width)
+        left = room.due[k] - _between(pair, room.ways, WAY)
+        if any_lane((left < spending * _way_of(_between(pair, room.ways, SPEED), h)) & going):
+            if used + pair.slots <= slots:
+                while old < before and not any_lane(kept[old, 0] > k):
+                    old += 1
+                _take_over(pairs.turning, k, pair.slots, used, (old, before), kept, o, y, width)
                 used += pair.slots
         else:
-            budget = select(gap < budget, gap, budget)
+            budget = select(left < budget, left, budget)
     y[o.pair_budget] = budget
-    return fits
 
 
 @inline
 def _keep_moment(turning, kept, c, o, y):
-    """Copy the bristles of the moment of a slot."""
+    """Move the bristles of the moment of a slot out of the state."""
     if turning is not None:
         for k in range(4):
             kept[c, 6 + k] = y[o.pair_turning + 4 * c + k]
-
-
-@inline
-def _clear_moment(turning, c, o, y):
-    """Clear the bristles of the moment of a slot."""
-    if turning is not None:
-        for k in range(4):
             y[o.pair_turning + 4 * c + k] = 0.0
 
 
 @inline
-def _least_gap(pairs, pair, o, y, W, enough):
-    """Return a lower bound of the gap of a pair [m]; one that is not below `enough` may be any other that is not."""
-    a, b = pairs.shapes.table[pair.a], pairs.shapes.table[pair.b]
-    Ea, ra = _pose(a, pair.tree_a, pair.body_a, o, y, W)
-    Eb, rb = _pose(b, pair.tree_b, pair.body_b, o, y, W)
-    return gap_at_least(a, b, Ea, Eb, sub(ra, rb), enough)
+def _least_gap(pairs, pair, o, y, room, least):
+    """Return a lower bound of the gap of a pair beyond the margin [m]: the gap if it is less than `least`, or not much.
+
+    As far as the first shape is large it is computed too, so that it need not be soon again.
+    """
+    a, b, W = pairs.shapes.table[pair.a], pairs.shapes.table[pair.b], room.frames
+    Ea, ra = shape_pose(a, pair.tree_a, pair.body_a, W)
+    Eb, rb = shape_pose(b, pair.tree_b, pair.body_b, W)
+    c = sub(_in_world(pair.tree_a, ra, o, y), _in_world(pair.tree_b, rb, o, y))
+    far = least + a.bound + pairs.margin
+    gap = gap_at_least(a, b, Ea, Eb, c, far)
+    near = gap < far
+    if b.kind <= HALF_SPACE and any_lane(near):  # a height field has depths below it, but no distances
+        zero = 0.0 * c[0]
+        put_pair(room.placing, (Ea, c), (Eb, (zero, zero, zero)), far, near)
+        numbers, width = flat(room.placing), width_of(y)
+        for lane in range(width):
+            found, at = look_in_lane(pairs, pair, room, lane, width), REACH * width + lane
+            for m in range(found):
+                numbers[at] = min(numbers[at], -room.manifold[m, 6])
+        gap = select(near, room.placing[2, 3], gap)
+    return gap - ROUNDED * pairs.margin
 
 
 @inline
-def _pose(shape, tree, body, o, y, W):
-    """Return rotation and center of a shape in the world."""
-    E, zero = load9_of(shape.E), 0.0 * W[0, R]
+def _in_world(tree, r, o, y):
+    """Return a point in the frame of a tree in that of the world."""
     if tree < 0:
-        return (
-            (E[0] + zero, E[1] + zero, E[2] + zero, E[3] + zero, E[4] + zero, E[5] + zero, E[6] + zero, E[7] + zero,
-             E[8] + zero), (shape.r[0] + zero, shape.r[1] + zero, shape.r[2] + zero),
-        )  # fmt: skip
+        return r
     at = o.base_q + 7 * tree
-    return compose(load9(W, body, R), E), add(point_position(body, vector(shape.r), W), (y[at], y[at + 1], y[at + 2]))
+    return add(r, (y[at], y[at + 1], y[at + 2]))
 
 
 @inline
-def _take_over(turning, k, count, used, kept, o, y, width):
-    """Move what the slots of a pair held, in each lane, to those that it has now."""
-    old, new = flat(kept), flat(y)
+def _take_over(turning, k, count, used, where, kept, o, y, width):
+    """Move what the slots of a pair held, in each lane, to those that it has now; it was within the slots `where`."""
+    old, new, (first, end) = flat(kept), flat(y), where
     for j in range(count):
         y[o.pair + used + j] = k + 1.0
+        y[o.pair_gap + used + j] = FAR
     for lane in range(width):
-        for c in range(len(kept)):
-            if old[c * KEPT * width + lane] == k + 1.0:
-                for j in range(count):
-                    at = (c + j) * KEPT * width + lane
-                    new[(o.pair_feature + used + j) * width + lane] = old[at + width]
-                    for i in range(3):
-                        new[(o.pair_deflection + 3 * (used + j) + i) * width + lane] = old[at + (2 + i) * width]
-                    new[(o.pair_normal_force + used + j) * width + lane] = old[at + 5 * width]
-                    if turning is not None:
-                        for i in range(4):
-                            new[(o.pair_turning + 4 * (used + j) + i) * width + lane] = old[at + (6 + i) * width]
-                break
+        c = first
+        while c < end and 0.0 < old[c * KEPT * width + lane] <= k:
+            c += 1
+        if c < end and old[c * KEPT * width + lane] == k + 1.0:
+            for j in range(count):
+                at = (c + j) * KEPT * width + lane
+                new[(o.pair_feature + used + j) * width + lane] = old[at + width]
+                for i in range(3):
+                    new[(o.pair_deflection + 3 * (used + j) + i) * width + lane] = old[at + (2 + i) * width]
+                new[(o.pair_normal_force + used + j) * width + lane] = old[at + 5 * width]
+                if turning is not None:
+                    for i in range(4):
+                        new[(o.pair_turning + 4 * (used + j) + i) * width + lane] = old[at + (6 + i) * width]
