@@ -37,6 +37,10 @@ BENCHMARKS = {
     "peers": Benchmark(
         "the same against Pinocchio, MuJoCo and SciPy", "peers.csv, peers_speed.csv, peers_lines.csv, peers.png", 8
     ),
+    "contact": Benchmark(
+        "contact at equal error, beside MuJoCo and Bullet",
+        "contact.csv, contact_lines.csv, contact.png", 15,
+    ),
     "default": Benchmark("what `simulate` gives by default", "default.csv, default_integrators.csv, default.png", 20),
     "stability": Benchmark("the largest stable step, against linear theory", "stability.csv, stability.png", 2),
     "stress": Benchmark("whether a run that is wrong says so", "stress.csv, stress.png", 5),
