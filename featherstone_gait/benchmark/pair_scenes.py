@@ -271,8 +271,8 @@ def on_a_table(path: Path) -> Case:
 def limp(path: Path) -> Case:
     """Let an arm fall, on itself and on a ball."""
     arm = load_robot(path, base="fixed")
-    ball = free(Sphere(0.1), "ball", (0.4, 0.0, 0.1), 0.5)
-    scene = compile_scene(SceneModel("scene", (Placed(arm, "arm"), ball), (floor(),)), pairs="all")
+    ball, low = free(Sphere(0.1), "ball", (0.4, 0.0, -0.4), 0.5), fixed(Box(FLOOR), "floor", (0.0, 0.0, -0.6))
+    scene = compile_scene(SceneModel("scene", (Placed(arm, "arm"), ball), (low,)), pairs="all")
     joints = arm.moving_joints
     lower, upper = ([min(max(edge, -2.0), 2.0) for edge in edges] for edges in
                     ([joint.lower for joint in joints], [joint.upper for joint in joints]))  # fmt: skip
