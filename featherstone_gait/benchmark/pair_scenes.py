@@ -225,7 +225,7 @@ ARMS = ("kuka_iiwa/model.urdf", "franka_panda/panda.urdf", "xarm/xarm6_with_grip
 WALKERS = ("laikago/laikago.urdf", "mini_cheetah/mini_cheetah.urdf")
 SCENES = {
     "gymnasium": ("envs/mujoco/assets/pusher.xml", "envs/mujoco/assets/humanoid.xml"),
-    "dm_control": tuple(f"suite/{name}.xml" for name in ("ball_in_cup", "finger", "hopper", "swimmer")),
+    "dm_control": tuple(f"suite/{name}.xml" for name in ("ball_in_cup", "hopper", "swimmer")),
 }
 
 
