@@ -371,7 +371,9 @@ def assert_alike(one, two):
         assert [x.name for x in a.model.links if x.mass] == [x.name for x in b.model.links if x.mass]
         assert a.model.joint_names == b.model.joint_names
         assert len(a.model.shapes) == len(b.model.shapes)
-        points = [sorted((p.link, p.friction or -1.0, *p.position) for p in x.model.contacts) for x in (a, b)]
+        points = [
+            sorted((p.link, p.friction or -1.0, *np.round(p.position, 7)) for p in x.model.contacts) for x in (a, b)
+        ]
         assert [x[:2] for x in points[0]] == [x[:2] for x in points[1]]
         assert np.array([x[2:] for x in points[0]]) == pytest.approx(np.array([x[2:] for x in points[1]]), abs=1e-6)
 
