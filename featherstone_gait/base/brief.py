@@ -24,10 +24,10 @@ def clipped(text: str) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
-def some(items: Iterable[object], most: int = FEW) -> str:
+def some(items: Iterable[object], most: int = FEW, between: str = ", ") -> str:
     """Join items for a line, cut short after `most`."""
     texts = [str(item) for item in items]
-    return ", ".join(texts[:most]) + f" and {len(texts) - most} more" * (len(texts) > most)
+    return between.join(texts[:most]) + f" and {len(texts) - most} more" * (len(texts) > most)
 
 
 def in_full(value: Any) -> str:

@@ -291,7 +291,8 @@ def humanoid_rows() -> Iterator[tuple[str, Work, Work, str]]:
 def pair_rows(model: Model, ground: Ground) -> Iterator[tuple[str, Work, Work, str]]:
     """Yield rows of contact between bodies: far, and touching at one point and at five."""
     alone = Placed(model, name="one")
-    feet, high = ("left_foot", "right_foot"), ("left_shoulder_block", "right_shoulder_block")
+    feet, sides = ("left_foot", "right_foot"), ("left", "right")
+    high = ("head", *(f"{side}_{link}" for side in sides for link in ("shoulder_block", "upper_arm")))
     few = tuple((f"one/{foot}", f"one/{shoulder}") for foot in feet for shoulder in high)
     none, far, every = (
         partial(rollout, SceneModel("pairs", (alone,), pairs=pairs), "mipsd", ground) for pairs in ("none", few, "all")

@@ -38,13 +38,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from ..base.flaws import quoted
-from ..base.rotation import Vector
 from ..geometry.body import body
 from ..model import Ground, Model
 from ..model.pair_contact import PairContact
@@ -225,8 +225,10 @@ def _placed(
     if "orientation" in row:
         place["orientation"] = _numbers(row, "orientation", what)
     if "rpy" in row:
-        angles: Vector = vector(row, "rpy", what)
-        place["orientation"] = quaternion_from_rpy(tuple(angles))
+        angles = vector(row, "rpy", what)
+        if not all(map(math.isfinite, angles)):
+            raise ValueError(f"{what}: rpy is {list(angles)}; expected finite numbers: give roll, pitch and yaw [rad]")
+        place["orientation"] = quaternion_from_rpy(angles)
     name = string(row, "name", what) if "name" in row else ""
     return Placed(model, name, gearbox=gearbox, ground_contact=ground_contact, **place)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -97,8 +98,8 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
     if status is Status.TOO_MANY_CONTACTS:
         slots = scene.part("pair")[1] - scene.part("pair")[0]
         message = (
-            f"{name}: at {end:.4g} s more pairs are near than the {slots} points of the pool hold; give it more, "
-            "pairs=PairContact(..., max_points=N), or choose fewer pairs"
+            f"{name}: at {end:.4g} s more pairs are near than the {slots} points of the pool hold{_crowded(scene, y)}; "
+            "give it more, pairs=PairContact(..., max_points=N), or choose fewer pairs"
         )
     if status is Status.TOO_COSTLY:
         taken, rejected = y[slice(*scene.part("step_control"))][[pace.STEPS, pace.REJECTED]]
@@ -117,6 +118,14 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
         joint = scene.model.joint_names[int(speeds.argmax())]
         message += f"; in the last sound state the fastest joint was {joint} at {speeds.max():.3g} rad/s or m/s"
     return Outcome(status, message, end)
+
+
+def _crowded(scene: CompiledScene, y: np.ndarray) -> str:
+    """Return which link has the most points of the pool, for a sentence."""
+    owners = y[slice(*scene.part("pair"))].astype(int)
+    of_link = Counter(link for row in owners[owners > 0] - 1 for link in scene.pairs[row])
+    link, count = max(of_link.items(), key=lambda item: item[1], default=("", 0))
+    return f", {count} of which {link!r} has" if count else ""
 
 
 def _who_fell(scene: CompiledScene, y: np.ndarray) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..base import deprecated
 from ..base.arguments import instance, listed, shown
-from ..base.brief import clipped
+from ..base.brief import clipped, some
 from ..base.portable_math import sincos
 from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
@@ -440,7 +440,7 @@ def _compile_members(
     gearboxes = [member.scene.gearbox for member in members if member.scene.gearbox is not None]
     scenes = [member.scene for member in members]
     return CompiledScene(
-        model=joined_model(members, " and ".join(member.name for member in members)),
+        model=joined_model(members, some((member.name for member in members), 4, " and ")),
         tree=tree,
         constants=constants,
         places=_places(tree, constants),

@@ -140,6 +140,8 @@ def test_a_pool_that_is_too_small_ends_the_run_with_the_argument_to_change():
     assert run.failed
     assert "max_points" in run.message
     assert "8 points" in run.message
+    assert "8 of which 'box/body' has" in run.message
+    assert len(run.message) < 240
     assert "max_points" in run.status.remedy
 
 

@@ -40,6 +40,12 @@ def box(side=0.2, mass=1.0):
     return Model("box", (link,), (), base="floating", contacts=contacts)
 
 
+def test_a_scene_of_many_members_has_a_short_name():
+    balls = [Placed(ball(), f"ball {k}", (0.3 * k, 0.0)) for k in range(30)]
+    assert compile_scene(balls[:3], **STEPS).model.name == "ball 0 and ball 1 and ball 2"
+    assert compile_scene(balls, **STEPS).model.name == "ball 0 and ball 1 and ball 2 and ball 3 and 26 more"
+
+
 def company(**how):
     """A walking robot, an arm on a turned base, a ball in the air and one that rests."""
     robot, arm = load_robot("humanoid"), load_robot("arm7")
