@@ -97,6 +97,13 @@ def hull_triangles(x: np.ndarray) -> np.ndarray:
     return np.unique(np.sort(ConvexHull(x).simplices, axis=1), axis=0)
 
 
+def hull_volume(x: np.ndarray) -> float:
+    """Compute the volume of the convex hull of points (n, 3) [m^3]; 0 of points that lie in a plane."""
+    from scipy.spatial import ConvexHull
+
+    return float(ConvexHull(x).volume) if flattened(x).shape[1] == 3 else 0.0
+
+
 def _either_way(directions: np.ndarray) -> np.ndarray:
     """Scale directions (n, 3) to unit length with a positive first nonzero part; drop those of length 0."""
     length = np.sqrt(total(directions * directions))

@@ -21,10 +21,11 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from ..model.shapes import Mesh
-from .hull import Corners, corners_of, hull_indices
+from .hull import Corners, corners_of, hull_indices, hull_volume
 from .mesh_size import check_dae, check_gltf, tag_of
 
 MAX_BYTES = 100_000_000  # of one file
+OPEN = 1e-4  # part of a mesh's area that its triangles may leave open, for its volume to be known
 KINDS = (".stl", ".obj", ".dae", ".glb", ".gltf")
 WHITE = (255, 255, 255)
 COLORS = ("library_images", "library_effects", "library_materials", "bind_material")  # of a DAE
@@ -60,6 +61,15 @@ def mesh_hull(mesh: Mesh) -> np.ndarray:
     return _hull(*_version(mesh))
 
 
+def hull_excess(mesh: Mesh) -> float:
+    """Return the volume of the convex hull of a mesh by that of the mesh; NaN where its triangles do not close.
+
+    Raises as `mesh_hull`.
+    """
+    path, _, *changed = _version(mesh)
+    return _excess(path, *changed)
+
+
 def _version(mesh: Mesh) -> tuple[Path, tuple[float, float, float], int, int]:
     """Return file and scale of a mesh, the time of its last change, and its size."""
     path = Path(mesh.file)
@@ -85,6 +95,16 @@ def _hull(path: Path, scale: tuple[float, float, float], *changed: int) -> np.nd
     hull = points[hull_indices(points)]
     hull.flags.writeable = False
     return hull
+
+
+@functools.lru_cache(maxsize=1024)
+def _excess(path: Path, *changed: int) -> float:
+    points, triangles = mesh_triangles(path)
+    a, b, c = (points[triangles[:, k]] - points.mean(axis=0) for k in range(3))
+    areas = np.cross(b - a, c - a)
+    gap = np.abs(areas.sum(axis=0)).max()  # no area is left open where triangles close
+    inside, whole = abs(float((a * np.cross(b, c)).sum())) / 6.0, hull_volume(points)
+    return whole / inside if gap <= OPEN * np.abs(areas).sum() and inside > OPEN * whole else math.nan
 
 
 def mesh_points(path: Path) -> np.ndarray:

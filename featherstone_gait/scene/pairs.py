@@ -26,12 +26,13 @@ from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, TURNING, Pairs
 from ..core.tree.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
 from ..geometry.distance import HalfSpace, meeting_shapes, shape_tables
+from ..geometry.mesh import hull_excess
 from ..model import Ground, HeightField, Joint
 from ..model.numpy_dynamics import link_poses
 from ..model.pair_contact import ALL, GROUND, PairContact
 from ..model.placed import SEPARATOR, Placed, link_name
 from ..model.rest_posture import nearest_posture, standing_keyframe
-from ..model.shapes import Box, Capsule, Shape, Sphere
+from ..model.shapes import Box, Capsule, Mesh, Shape, Sphere
 from .contact import plane_axes, standing_height
 from .forest import Member, named, shifts
 from .options import SceneOptions
@@ -48,6 +49,7 @@ LIGHTEST = 1e-300  # [kg]
 LEAST_POINTS = 32  # of the pool
 WIDE, UNDER = 100.0, 1.0  # of the treads of steps, how far they reach from the origin, and below the lowest one [m]
 NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
+TELLING = 1.05  # volume of a mesh's hull by its own, beyond which it is told
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
 EARTH = math.sqrt(sum(g * g for g in GRAVITY))  # in place of no gravity [m/s^2]
 
@@ -143,7 +145,19 @@ def build_pairs(
         outside[one[(one != other) & (one != WORLD)]] = 1
     pairs = Pairs(shapes, table, own_rows, reach, outside, radius, room, margin, turning)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
-    return Touching(pairs, names, tuple(parts.notes)), tree
+    return Touching(pairs, names, (*parts.notes, *_concave(solids))), tree
+
+
+def _concave(solids: Sequence[Solid]) -> Iterator[str]:
+    """Yield a note on each mesh whose convex hull is larger than itself, or may be, since its triangles leave gaps."""
+    for solid in solids:
+        mesh = getattr(solid.shape, "geometry", None)
+        if isinstance(mesh, Mesh) and not (excess := hull_excess(mesh)) <= TELLING:
+            known = f"which has {excess:.3g} times its volume" if excess > TELLING else "as it is not closed"
+            yield (
+                f"{solid.link}: the mesh {mesh.file} touches as its convex hull, {known}; where that matters, give the "
+                "link several convex shapes in its place"
+            )
 
 
 # ---------------------------------------------------------------------------------------------- shapes

@@ -14,7 +14,7 @@ from featherstone_gait.model.numpy_dynamics import link_poses
 from featherstone_gait.model.pair_contact import PairContact
 from featherstone_gait.model.placed import Placed, SceneModel
 from featherstone_gait.model.rest_posture import nearest_posture
-from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.simulate import simulate
 from featherstone_gait.scene.compile import compile_scene
@@ -128,6 +128,27 @@ def test_pairs_that_are_none_are_refused(pairs, words):
     if pairs in ([("ball", "nobody")], "some", 3):
         with pytest.raises(ValueError, match="pairs"):
             replace(scene, pairs=pairs)
+
+
+def test_a_concave_mesh_tells_how_much_larger_its_hull_is(tmp_path):
+    """A square of 9 with a notch of 1, drawn out, has a hull of 9 / 8 times its volume."""
+    trimesh = pytest.importorskip("trimesh")
+    outline = np.array([(0, 0), (3, 0), (3, 1), (2, 1), (2, 2), (3, 2), (3, 3), (0, 3)], float)
+    points = 0.1 * np.vstack([np.column_stack([outline, np.full(8, z)]) for z in (0.0, 2.0)])
+    below = [(0, 3, 1), (1, 3, 2), (0, 7, 3), (3, 7, 4), (4, 7, 6), (4, 6, 5)]
+    sides = [(k, (k + 1) % 8, (k + 1) % 8 + 8) for k in range(8)] + [(k, (k + 1) % 8 + 8, k + 8) for k in range(8)]
+    faces = [*below, *((a + 8, c + 8, b + 8) for a, b, c in below), *sides]
+    notes = {}
+    for name, kept in (("notch", faces), ("open", faces[:-1]), ("box", None)):
+        mesh = trimesh.Trimesh(points, kept or faces)
+        (mesh if kept else mesh.convex_hull).export(tmp_path / f"{name}.obj")
+        thing = body(Mesh(str(tmp_path / f"{name}.obj")), 1.0, name=name)
+        scene = SceneModel("one", [Placed(thing, position=(0.0, 0.0, 1.0))], [obstacle(CUBE, "cube")], pairs="all")
+        notes[name] = " ".join(compile_scene(scene).touching.notes)
+    assert notes["box"] == ""
+    assert "not closed" in notes["open"]
+    for words in ("notch/body", "notch.obj", "1.12 times its volume", "several convex shapes"):
+        assert words in notes["notch"]
 
 
 @pytest.mark.parametrize(
