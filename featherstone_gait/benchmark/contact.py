@@ -64,7 +64,7 @@ FLOOR = (200.0, 200.0, 2.0)  # [m]
 
 
 class Piece(NamedTuple):
-    """A body that moves."""
+    """Describe a body that moves."""
 
     shape: Sphere | Box
     mass: float  # [kg]
@@ -73,13 +73,13 @@ class Piece(NamedTuple):
 
     @property
     def inertia(self) -> float:
-        """Moment of inertia of a ball [kg m^2]."""
+        """Return the moment of inertia of a ball [kg m^2]."""
         assert isinstance(self.shape, Sphere)
         return 0.4 * self.mass * self.shape.radius**2
 
 
 class Motion(NamedTuple):
-    """Where all pieces are at all samples."""
+    """Hold positions and velocities of all pieces at all samples."""
 
     position: np.ndarray  # (samples, pieces, 3) [m]
     velocity: np.ndarray  # (samples, pieces, 6) of the center [m/s] and angular [rad/s]
@@ -89,7 +89,7 @@ Once = Callable[[], tuple[Motion, float]]  # runs; returns the motion and the pr
 
 
 class Trial(NamedTuple):
-    """Bodies, what acts on them, and what the motion of rigid bodies would be."""
+    """Describe a test: bodies, the forces on them, and the error against the motion of rigid bodies."""
 
     name: str
     pieces: Sequence[Piece]
@@ -111,7 +111,7 @@ class Trial(NamedTuple):
 
 
 class Method(NamedTuple):
-    """One way to run a test."""
+    """Describe an engine with the settings of one of its methods."""
 
     name: str  # begins with that of the engine
     settings: Sequence[float]  # steps [s] or tolerances, the coarsest first
@@ -119,7 +119,7 @@ class Method(NamedTuple):
 
 
 class Row(NamedTuple):
-    """One line of the table."""
+    """Hold one line of the table."""
 
     test: Annotated[str, "test", "<9"]
     method: Annotated[str, "method", "<27"]
@@ -130,7 +130,7 @@ class Row(NamedTuple):
 
 
 class Line(NamedTuple):
-    """The cost at an error [CPU ms by simulated second], and how many times ours the others take."""
+    """Hold our cost at an error [CPU ms by simulated second], and the cost of the others by ours."""
 
     test: Annotated[str, "test", "<9"]
     error: Annotated[float, "at error", "9.0e"]

@@ -59,7 +59,7 @@ BALL, SPEED, APART = 0.03, 2.0, 0.05  # radius [m], speed [m/s], and distance fr
 
 @dataclass(frozen=True)
 class Row:
-    """What one engine does in one task."""
+    """Hold the result of one task in one engine."""
 
     task: str
     engine: str
@@ -72,7 +72,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Task:
-    """A robot with an object."""
+    """Describe a robot that walks or stands with an object."""
 
     name: str
     alone: CompiledScene  # the robot

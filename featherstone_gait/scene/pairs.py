@@ -90,12 +90,12 @@ class Solid(NamedTuple):
 
     @property
     def kind(self) -> type:
-        """What shape it is."""
+        """Return the type of the shape."""
         return HalfSpace if isinstance(self.shape, HalfSpace) else type(self.shape.geometry)
 
     @property
     def is_surface(self) -> bool:
-        """Whether it has no inside whose distance from another surface is known."""
+        """Return whether the shape is a half space or a height field, two of which have no distance."""
         return self.kind in (HalfSpace, HeightField)
 
 

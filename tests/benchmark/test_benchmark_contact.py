@@ -28,7 +28,7 @@ def test_engines_are_compared_at_the_error_that_each_reaches():
 
 
 def test_rigid_motion_has_no_error():
-    """Of the tests in which nothing is to move, and of the row, in which the last ball takes the first one's speed."""
+    """Boxes at rest do not move, and in the row the last ball gets the speed of the first."""
     for trial in (contact.hard(), contact.stack()):
         at = np.array([piece.position for piece in trial.pieces])
         assert trial.error(Motion(np.stack([at, at]), np.zeros((2, len(at), 6)))) == 0.0

@@ -164,7 +164,7 @@ def test_round_shapes_touch_a_rough_field_as_in_mujoco(kind):
 @pytest.mark.nojit
 @pytest.mark.bounds
 def test_points_are_the_same_bits_everywhere():
-    """Of all shapes on the rough field, also with the JIT off."""
+    """The hash of the points of all shapes on the rough field is the stored one, also with the JIT off."""
     rng, bits, count = np.random.default_rng(5), hashlib.sha256(), 0
     for shape in SHAPES.values():
         for _ in range(4):

@@ -263,6 +263,26 @@ def test_the_deepest_point_is_as_deep_as_mujoco_says(kinds):
 
 
 @pytest.mark.parametrize("kinds", PAIRS, ids="-".join)
+def test_what_is_farther_apart_than_is_looked_at_has_no_points(kinds):
+    """Also where no face parts the shapes, and the edges that do are far apart."""
+    placed = touching(*kinds, spread=0.1)
+    pairs = range(len(placed.pairs))
+    apart = placed.distances() if "half space" not in kinds else [over_half_space(placed, pair) for pair in pairs]
+    for gap, points in zip(apart, placed.contacts(0.002)):
+        assert gap < 0.002 + 1e-6 or len(points) == 0
+
+
+@pytest.mark.parametrize(("gap", "margin", "count"), [(0.02, 0.002, 0), (0.02, 0.03, 1), (-0.01, 0.002, 1)])
+def test_cubes_on_their_edges_touch_where_the_edges_cross(gap, margin, count):
+    """No face parts them, since each edge is longer than the other cube is wide there."""
+    turns = [rotation_from_rpy((math.pi / 4, 0.0, 0.0)), rotation_from_rpy((0.0, math.pi / 4, 0.0))]
+    cubes = Placed([CUBE, CUBE], turns, [(0.0, 0.0, math.sqrt(2.0) + gap), (0.0, 0.0, 0.0)])
+    [points] = cubes.contacts(margin)
+    assert len(points) == count
+    assert points[:, 6] == pytest.approx([-gap] * count, abs=1e-12)
+
+
+@pytest.mark.parametrize("kinds", PAIRS, ids="-".join)
 def test_points_lie_in_both_shapes_within_their_depth(kinds):
     placed = touching(*kinds)
     found = [(k, x) for k, points in enumerate(placed.contacts(MARGIN)) for x in points]

@@ -122,7 +122,7 @@ def test_what_it_lets_go_falls(grasp):
 
 
 def test_a_panda_in_mujoco_presses_as_hard_and_drops_nothing(tmp_path):
-    """The same scene, written as MJCF, under the same reference; MuJoCo's friction creeps."""
+    """MuJoCo runs the same scene, saved as MJCF, with the same reference; its friction lets the cube creep."""
     scene, low, high = bench()
     save_scene(scene, tmp_path / "bench.xml")
     m = mujoco.MjModel.from_xml_path(str(tmp_path / "bench.xml"))

@@ -1,4 +1,4 @@
-"""What touches nothing of each other does not know of each other: equal bits in lanes, islands and with pairs far."""
+"""Bodies that do not touch change no bit of each other: in lanes, in islands, and with pairs that stay far apart."""
 
 import math
 

@@ -34,8 +34,7 @@ def test_the_error_of_an_oblique_collision_falls_with_the_tolerance_and_is_told(
         run = simulate(scene, 0.1, state, record=("base_q", "base_qd"), rtol=rtol)
         assert run.status in ("ok", "inaccurate"), run.message
         error = np.abs(run["base_qd"][-1][:, [0, 2, 4]] - exact).max()
-        told = run.error["base_qd"].max()
-        assert error < 10.0 * told
+        assert error < 4.0 * run.error["base_qd"].max()  # an estimate is right within a factor; 2.4 was seen
         assert run.status == "inaccurate" or error < 0.03
         errors.append(error)
         assert error < 1e3 * rtol

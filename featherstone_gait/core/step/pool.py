@@ -19,7 +19,8 @@ from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import any_lane, flat, invert, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.structure import structure
-from ..effects.pair import FAR, SUDDEN, shape_pose, slots_in_use
+from ..effects.pair import FAR, REACH, SUDDEN, look_in_lane, put_pair, shape_pose, slots_in_use
+from ..tree.distance import HALF_SPACE
 from ..tree.forest import base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import pose_pass
 from ..tree.separation import gap_at_least
@@ -38,7 +39,7 @@ WAY, MOVED, SPEED = 0, 1, 2  # rows of `Renewal.ways`
 
 @structure
 class Renewal(NamedTuple):
-    """What is known from the last time that the pool was renewed, and scratch arrays."""
+    """Hold coordinates, ways and gaps of pairs from the last renewal of the pool, and scratch arrays."""
 
     last: np.ndarray  # (7 trees + joints,) coordinates then
     ways: np.ndarray  # (3, bodies + 1) bounds of the way of each body's shapes so far and since then [m], speed [m/s]
@@ -265,7 +266,7 @@ def _keep_moment(turning, kept, c, o, y):
 
 @inline
 def _least_gap(pairs, pair, o, y, room, least):
-    """Return a lower bound of the gap of a pair beyond the margin [m]: of their boxes if it is less than `least`.
+    """Return a lower bound of the gap of a pair beyond the margin [m]: the gap if it is less than `least`, or not much.
 
     As far as the first shape is large it is computed too, so that it need not be soon again.
     """
@@ -273,7 +274,18 @@ def _least_gap(pairs, pair, o, y, room, least):
     Ea, ra = shape_pose(a, pair.tree_a, pair.body_a, W)
     Eb, rb = shape_pose(b, pair.tree_b, pair.body_b, W)
     c = sub(_in_world(pair.tree_a, ra, o, y), _in_world(pair.tree_b, rb, o, y))
-    gap = gap_at_least(a, b, Ea, Eb, c, least + a.bound + pairs.margin)
+    far = least + a.bound + pairs.margin
+    gap = gap_at_least(a, b, Ea, Eb, c, far)
+    near = gap < far
+    if a.kind <= HALF_SPACE and b.kind <= HALF_SPACE and any_lane(near):  # a height field has no distances
+        zero = 0.0 * c[0]
+        put_pair(room.placing, (Ea, c), (Eb, (zero, zero, zero)), far, near)
+        numbers, width = flat(room.placing), width_of(y)
+        for lane in range(width):
+            found, at = look_in_lane(pairs, pair, room, lane, width), REACH * width + lane
+            for m in range(found):
+                numbers[at] = min(numbers[at], -room.manifold[m, 6])
+        gap = select(near, room.placing[2, 3], gap)
     return gap - ROUNDED * pairs.margin
 
 

@@ -66,6 +66,10 @@ def polytope_points(near, pair, shapes, bench, out):
     if gap > 0.0 and (at < 0 or P[at, 5] < pair.radii - gap - SAME * pair.size):
         return _by_nearest(pair, shapes, bench, out, n)
     if gap <= 0.0:
+        if at < 0 or P[at, 5] < pair.radii:  # no point of both was found: edges that are far apart were left out
+            v, _ = nearest_points(pair, pair.c, shapes.corners, bench)
+            if dot(v, v) > SAME * SAME * pair.size * pair.size:
+                return _by_nearest(pair, shapes, bench, out, n)
         V, vertices = bench.vertices[0 if second else 1], (pair.a.vertices if second else pair.b.vertices)
         low, _ = lowest(V, vertices, m)
         count = with_nearest(pair, P, count, load3(V, low, 0), gap)
