@@ -1,10 +1,14 @@
 """Robots that walk and stand with objects that they touch, here and in MuJoCo.
 
 carry   The humanoid walks ten strides of its optimized gait with a box of 50 g across its forearms, which it holds
-        forward: with rubber on the arms (friction 2), and without (0.9).  `moved` is how far the box slips on the arms
-        after the first two strides.
+        forward: with rubber on the arms (friction 2), with less friction, and on bare arms (0.9).  `moved` is how far
+        the box slips on the arms after the first two strides.
 hit     The humanoid stands, with its servos on, and a ball flies at its trunk with 2 m/s, from ahead, behind or left.
         `moved` is the largest momentum of the ball [N s], in steps of 0.02 N s, after which it stands.
+push    The humanoid walks, and another comes at it from behind, from ahead or from the left, with its arms forward, and
+        pushes its shoulders; from the left with one arm.  The joints of the other are held and its weight is borne, so
+        that it goes on at its speed until it touches.  `moved` is the largest momentum of the other [N s], in steps of
+        0.02 N s, with which the humanoid walks on for three strides.
 plank   ANYmal B trots over a board of 20 mm that lies loose on the ground.  `moved` is how far it pushes the board.
 
 Both engines have the same bodies, servos, friction and time step.  The ground of MuJoCo has a time constant of 5 ms,
@@ -31,10 +35,10 @@ from ..base.rotation import rotation_from_quaternion, rotation_from_rpy
 from ..crosscheck import Floor, replay, sinking, standing
 from ..dynamics import forward_kinematics
 from ..geometry.body import body
-from ..model import Ground, Model
+from ..model import Ground, Model, rigid_bodies
 from ..model.pair_contact import PairContact
 from ..model.placed import Placed, SceneModel
-from ..model.shapes import Box, Sphere
+from ..model.shapes import Box, Shape, Sphere
 from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
@@ -49,12 +53,15 @@ TABLE = Format("table of walks with objects")
 GAIT = PACKAGE.parent / "robots" / "humanoid" / "optimized_gait.npz"
 STEP, EVERY, PENETRATION = 5e-4, 1e-2, 1e-3  # [s], [s], [m]
 FRICTION, RUBBER = 0.9, 2.0
+CARRIED = RUBBER, 1.5, 1.2, 1.0, FRICTION  # of a box that is carried
 SOFT = 5e-3  # time constant of MuJoCo's contact [s]
 STRIDES, WARM_UP = 10, 2
 BEYOND = 3.0  # time for which a robot is watched after a hit [s]
 MOMENTA = tuple(round(0.02 * k, 2) for k in range(1, 151))  # [N s]
-WAYS = {"ahead": (-1.0, 0.0), "behind": (1.0, 0.0), "left": (0.0, -1.0)}  # of the ball, which comes from there
-BALL, SPEED, APART = 0.03, 2.0, 0.05  # radius [m], speed [m/s], and distance from the trunk at the start [m]
+ARMS = "left_forearm", "right_forearm"
+PUSHED_STRIDES = 3
+WAYS = {"ahead": (-1.0, 0.0), "behind": (1.0, 0.0), "left": (0.0, -1.0)}  # of what comes from there
+BALL, SPEED, APART = 0.03, 2.0, 0.05  # radius [m], speed [m/s], and distance from the robot at the start [m]
 
 
 @dataclass(frozen=True)
@@ -86,6 +93,8 @@ class Task:
     links: tuple[str, ...]  # of the robot, that touch it
     on_ground: bool = False  # whether the object lies there
     friction: float = FRICTION  # of the object and of what touches it
+    other: Model | None = None  # in place of shape and mass, one rigid body
+    turn: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)  # of the object at the start, a quaternion
 
     @property
     def model(self) -> Model:
@@ -96,15 +105,17 @@ def here(task: Task) -> tuple[Trajectory, np.ndarray]:
     """Run a task in this package; return the robot's run and the object's poses (samples, 7)."""
     depth = sinking(task.alone, task.angles, _floor(), timestep=STEP)
     ground = Ground(friction=FRICTION, penetration=depth)
-    thing = body(task.shape, task.mass, name="thing", friction=task.friction)
-    members = Placed(task.model, "robot"), Placed(thing, "thing", task.place, ground_contact=task.on_ground)
-    touching = tuple((f"robot/{link}", "thing/body") for link in task.links)
+    thing = task.other or body(task.shape, task.mass, name="thing", friction=task.friction)
+    placed = Placed(thing, "thing", task.place, task.turn, ground_contact=task.on_ground)
+    members = Placed(task.model, "robot"), placed
+    own = dict.fromkeys(shape.link for shape in thing.shapes)
+    touching = tuple((f"robot/{link}", f"thing/{other}") for link in task.links for other in own)
     pairs = PairContact(touching, PENETRATION, friction=task.friction)
     model = SceneModel("with an object", members, ground=ground)
     scene = compile_scene(model, "mipsd", None, "midpoint", STEP, pairs=pairs)
     q = standing(task.alone, task.angles, depth)
     state = initial_state(
-        scene, {"robot": q, "thing": [*task.place, 1.0, 0.0, 0.0, 0.0]}, {"thing": [*task.velocity, 0.0, 0.0, 0.0]},
+        scene, {"robot": q, "thing": [*task.place, *task.turn]}, {"thing": [*task.velocity, 0.0, 0.0, 0.0]},
         allow_limit_violation=True,
     )  # fmt: skip
     record = "base_q", "base_qd", "q", "qd"
@@ -129,21 +140,37 @@ def _floor() -> Floor:
 
 def _add(task: Task, spec: Any) -> np.ndarray:
     """Add the object, and geoms on the links that touch it; return its velocity (1, 6)."""
-    import mujoco
 
     touch = {"friction": [task.friction, 0.0, 0.0], "solref": [SOFT, 1.0]}
-    thing = spec.worldbody.add_body(name="thing", pos=task.place)
+    thing = spec.worldbody.add_body(name="thing", pos=task.place, quat=task.turn)
     thing.add_freejoint()
     # Bit 1: feet, which touch the floor and what lies on it; bit 2: what touches the links.
     kind = {"contype": 3, "conaffinity": 1} if task.on_ground else {"contype": 2, "conaffinity": 0}
-    thing.add_geom(**_geom(task.shape), mass=task.mass, priority=1, **kind, **touch)
+    if task.other is None:
+        thing.add_geom(**_geom(task.shape), mass=task.mass, priority=1, **kind, **touch)
+    else:
+        (whole, *_), _ = rigid_bodies(task.other)
+        thing.mass, thing.ipos, thing.gravcomp, thing.explicitinertial = whole.mass, whole.center, 1.0, True
+        thing.fullinertia = whole.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        poses = forward_kinematics(task.other, np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+        for shape in task.other.shapes:
+            E, r = (part[task.other.link_rows[shape.link]] for part in poses)
+            at = r + E @ np.array(shape.xyz)
+            thing.add_geom(**_placed(shape, at, E @ rotation_from_rpy(shape.rpy)), priority=1, **kind, **touch)
     for shape in task.model.shapes if not task.on_ground else ():
         if shape.link in task.links:
-            quat = np.zeros(4)
-            mujoco.mju_mat2Quat(quat, rotation_from_rpy(shape.rpy).ravel())
-            geom = _geom(shape.geometry) | {"pos": shape.xyz, "quat": quat, "mass": 0.0}
+            geom = _placed(shape, shape.xyz, rotation_from_rpy(shape.rpy))
             spec.body(shape.link).add_geom(**geom, contype=0, conaffinity=2, **touch)
     return np.array([[*task.velocity, 0.0, 0.0, 0.0]])
+
+
+def _placed(shape: Shape, at: Sequence[float] | np.ndarray, turn: np.ndarray) -> dict[str, Any]:
+    """Describe a massless geom at a place of its body."""
+    import mujoco
+
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, turn.ravel())
+    return _geom(shape.geometry) | {"pos": at, "quat": quat, "mass": 0.0}
 
 
 def _geom(shape: Any) -> dict[str, Any]:
@@ -165,7 +192,7 @@ def carry(friction: float, strides: int = STRIDES) -> Task:
     motion, size, top = read_motion(GAIT, model.joint_names), (0.06, 0.2, 0.04), 0.0
     poses = forward_kinematics(model, np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *motion.start[0]]]))
     rows = {link.name: k for k, link in enumerate(model.links)}
-    links = "left_forearm", "right_forearm"
+    links = ARMS
     middles = []
     for shape in (shape for shape in model.shapes if shape.link in links):
         turn, at = poses.rotation[0, rows[shape.link]], poses.position[0, rows[shape.link]]
@@ -200,6 +227,40 @@ def hit(origin: str, momentum: float) -> Task:
     still = Reference([0.0], task.angles[None])
     speed = SPEED * way
     return replace(task, reference=still, duration=BEYOND, velocity=(float(speed[0]), float(speed[1]), 0.0))
+
+
+def push(origin: str, momentum: float) -> Task:
+    """Walk, and be pushed by another humanoid."""
+    model, other = load_robot("humanoid", locked="simplified"), load_robot("humanoid", locked="all")
+    held = {f"{side}_front_shoulder": 0.5 * math.pi for side in ("left", "right")}
+    arms = tuple(replace(shape, friction=FRICTION) for shape in other.shapes if shape.link in ARMS)
+    borne = tuple(replace(link, gravity_compensation=1.0) for link in other.links)
+    other = replace(other, locked={**other.locked, **held}, shapes=arms, links=borne, contacts=())
+    way = np.array([*WAYS[origin], 0.0])
+    turn = rotation_from_rpy((0.0, 0.0, math.atan2(way[1], way[0])))
+    left, right = (_spot(other, arm) for arm in ARMS)
+    shoulders = [_spot(model, f"{side}_shoulder_block") for side in ("left", "right")]
+    middle, half = np.mean([spot[0] for spot in shoulders], axis=0), shoulders[0][1]
+    tip = 0.5 * (left[0] + right[0])
+    if way[1]:  # with the left arm at the left shoulder
+        middle, tip = shoulders[0][0], left[0]
+    far = float(np.abs(way) @ half) + float(left[1][0]) + APART
+    x, y, z = middle - far * way - turn @ tip
+    motion = read_motion(GAIT, model.joint_names)
+    links = model.root, *(shape.link for shape in model.shapes if "shoulder" in shape.link or "upper_arm" in shape.link)
+    task = _task("push", model, motion, PUSHED_STRIDES, Sphere(BALL), other.mass, (x, y, z), links)
+    speed, yaw = momentum / other.mass * way, math.atan2(way[1], way[0])
+    quaternion = math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)
+    return replace(task, velocity=(float(speed[0]), float(speed[1]), 0.0), other=other, turn=quaternion)
+
+
+def _spot(model: Model, link: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return center and half the extent of a link's box, from the base of a robot with its joints at zero [m]."""
+    poses = forward_kinematics(model, np.array([0.0, 0.0, 0.0, 1.0, *[0.0] * (model.nq - 4)]))
+    (shape,) = (shape for shape in model.shapes if shape.link == link)
+    assert isinstance(shape.geometry, Box)
+    E, r = (part[model.link_rows[link]] for part in poses)
+    return r + E @ np.array(shape.xyz), 0.5 * np.abs(E) @ np.array(shape.geometry.size)
 
 
 def _task(
@@ -246,21 +307,22 @@ def _speed(run: Trajectory) -> float:
     return float((run["base_q"][-1, 0] - run["base_q"][0, 0]) / run.end_time)
 
 
-def survived(origin: str, engine: str) -> Row:
+def survived(make: Callable[[str, float], Task], origin: str, engine: str) -> Row:
     """Find by bisection the largest momentum after which the robot stands."""
     low, high = 0, len(MOMENTA)
     while low < high:
         middle = (low + high) // 2
-        run, _ = ENGINES[engine](hit(origin, MOMENTA[middle]))
+        run, _ = ENGINES[engine](make(origin, MOMENTA[middle]))
         low, high = (middle + 1, high) if run.status == "ok" else (low, middle)
-    return Row(f"hit from {origin}", engine, True, BEYOND, MOMENTA[low - 1] if low else 0.0, "N s")
+    name, end = f"{make.__name__} from {origin}", make(origin, MOMENTA[0]).duration
+    return Row(name, engine, True, end, MOMENTA[low - 1] if low else 0.0, "N s")
 
 
 def rows(strides: int = STRIDES) -> list[Row]:
     """Do all tasks in both engines."""
     jobs: list[Callable[[str], Row]] = [
-        *(partial(carried, carry(friction, strides)) for friction in (RUBBER, FRICTION)),
-        partial(trodden, plank(strides)), *(partial(survived, origin) for origin in WAYS),
+        *(partial(carried, carry(friction, strides)) for friction in CARRIED),
+        partial(trodden, plank(strides)), *(partial(survived, make, origin) for make in (hit, push) for origin in WAYS),
     ]  # fmt: skip
     return [job(engine) for job in progress_bar(jobs, "tasks") for engine in ENGINES]
 

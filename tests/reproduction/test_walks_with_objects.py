@@ -39,6 +39,31 @@ def test_a_ball_flies_at_the_trunk():
         assert np.cross(middle - np.array(task.place), way) == pytest.approx(np.zeros(3), abs=1e-12)
 
 
+@pytest.mark.parametrize("origin", study.WAYS)
+def test_another_humanoid_comes_with_its_arms_at_the_shoulders(origin):
+    """After the gap that is stated, at the height of the shoulders."""
+    task = study.push(origin, 0.5)
+    assert task.other.mass * np.linalg.norm(task.velocity) == pytest.approx(0.5)
+    way = np.array(task.velocity) / np.linalg.norm(task.velocity)
+    turn = rotation_from_quaternion(np.array(task.turn))
+    assert turn[:, 0] == pytest.approx(way, abs=1e-12)
+    sides = ("left",) if origin == "left" else ("left", "right")
+    arms = [study._spot(task.other, f"{side}_forearm") for side in sides]
+    tip = np.mean([np.array(task.place) + turn @ (at + size * [1.0, 0.0, 0.0]) for at, size in arms], axis=0)
+    shoulders = [study._spot(task.model, f"{side}_shoulder_block") for side in sides]
+    middle = study.standing(task.alone, task.angles, 0.0)[:3] + np.mean([at for at, _ in shoulders], axis=0)
+    gap = way @ (middle - tip)
+    assert gap - np.abs(way) @ shoulders[0][1] == pytest.approx(study.APART)
+    assert middle - tip == pytest.approx(gap * way, abs=1e-12)
+
+
+def test_another_humanoid_that_misses_glides_on_in_mujoco():
+    pytest.importorskip("mujoco")
+    task = study.push("behind", 0.5)
+    run, other = study.in_mujoco(study.replace(task, velocity=(-0.3, 0.0, 0.0), duration=0.3))
+    assert other[-1, :3] == pytest.approx(np.array(task.place) - [0.3 * run["time"][-1], 0.0, 0.0], abs=1e-9)
+
+
 def test_an_object_that_misses_falls_freely_in_mujoco():
     pytest.importorskip("mujoco")
     task = study.hit("ahead", 0.2)
@@ -69,6 +94,16 @@ def test_a_light_ball_is_survived_and_a_heavy_one_is_not(engine):
         run, ball = study.ENGINES[engine](study.hit("ahead", momentum))
         assert (run.status == "ok") is stands
         assert abs(ball[-1, 0] - ball[0, 0]) < 0.9 * study.SPEED * run.end_time  # it did not fly on
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_gentle_push_of_another_is_survived_and_a_hard_one_is_not(engine):
+    pytest.importorskip("mujoco")
+    for momentum, walks in ((0.4, True), (2.0, False)):
+        run, other = study.ENGINES[engine](study.push("behind", momentum))
+        assert (run.status == "ok") is walks
+        assert other[-1, 0] - other[0, 0] < 0.9 * momentum / 2.423 * run.end_time  # it did not glide on
 
 
 @pytest.mark.long
