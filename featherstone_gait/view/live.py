@@ -34,6 +34,7 @@ GHOST = 0.35  # opacity of runs that are seen through the first
 SPEEDS = ("0.02", "0.05", "0.1", "0.25", "0.5", "1", "2", "5")
 VIEWS = {"corner": (-1.1, 0.3), "side": (-0.5 * math.pi, 0.05), "front": (0.0, 0.05), "above": (-0.5 * math.pi, 1.5)}
 FIELD_OF_VIEW = 0.7  # upright [rad]
+LIGHTEST = 1e-9  # of what is drawn with forces by its weight [kg]
 FORCE, MASS, FAILURE = (213, 94, 0), (204, 121, 167), (150, 150, 150)
 FLOOR, SQUARE, RISE = (238, 236, 229), (214, 211, 200), (186, 178, 160)
 BAD = "#a3160f"
@@ -43,9 +44,12 @@ PANEL = 360  # width of the plots [pixel]
 
 
 def serve(
-    runs: Mapping[str, Seen], title: str, plots: Sequence[str] = (), ghosts: bool = False, port: int = 8080
-) -> Live:
+    runs: Mapping[str, Seen], title: str, plots: Sequence[str] = (), *, ghosts: bool = False, together: bool = False,
+    port: int = 8080,
+) -> Live:  # fmt: skip
     """Serve a page of runs by caption, at `port` of this machine or the first free port after it; 0: any free port.
+
+    together: the runs are those of members of one scene, which stand where they are.
 
     Raises ImportError without viser, and ValueError as `recorded.page_data`.
     """
@@ -66,7 +70,7 @@ def serve(
         warnings.warn(text, RobotFileWarning, stacklevel=3)
     actors = [_Actor(caption, seen, looks[id(seen.model)]) for caption, seen in runs.items()]
     known_channels([actor.plotted.channels for actor in actors], plots)
-    return Live(viser.ViserServer("127.0.0.1", port, label=title, verbose=False), actors, ghosts, plots)
+    return Live(viser.ViserServer("127.0.0.1", port, label=title, verbose=False), actors, ghosts, plots, together)
 
 
 class Live:
@@ -82,13 +86,15 @@ class Live:
         Times of the first and last sample [s].
     """
 
-    def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool, plots: Sequence[str]) -> None:
+    def __init__(
+        self, server: Any, actors: Sequence[_Actor], ghosts: bool, plots: Sequence[str], together: bool = False
+    ) -> None:
         self.server = server
         self._actors, self._lock, self._stopped = actors, threading.RLock(), threading.Event()
         self.start = min(actor.start for actor in actors)
         self.end = max(actor.end for actor in actors)
         self._time, self._speed, self._playing = self.start, 1.0, self.end > self.start
-        self._stage, self._charts, self._plotted = _Stage(server, actors, ghosts), list[Chart](), -math.inf
+        self._stage, self._charts, self._plotted = _Stage(server, actors, ghosts, together), list[Chart](), -math.inf
         self._controls: dict[str, Any] = {}
         with server.atomic():
             self._add_controls()
@@ -196,9 +202,10 @@ class Live:
             self._add_clock()
         view = gui.add_button_group("view", tuple(VIEWS))
         view.on_click(lambda event: stage.look(event.client.camera, event.target.value) if event.client else None)
-        switches = [("follow", any(actor.moves for actor in self._actors))]
-        switches += [("forces", any(actor.force is not None for actor in self._actors)), ("center of mass", True)]
-        switches += [("ghosts", len(self._actors) > 1)]
+        switches = [("follow", not stage.together and any(actor.moves for actor in self._actors))]
+        forces = any(actor.force is not None or actor.pushed for actor in self._actors)
+        switches += [("forces", forces), ("center of mass", True)]
+        switches += [("ghosts", not stage.together and len(self._actors) > 1)]
         for name, needed in switches:
             if needed:
                 box = gui.add_checkbox(name, stage.shown[name])
@@ -253,6 +260,7 @@ class _Actor:
         self.moves = seen.model.base == "floating"
         touches = "contact_force" in run and seen.ground is not None and len(seen.model.contacts) > 0
         self.force = np.nan_to_num(run["contact_force"], posinf=0.0, neginf=0.0) if touches else None
+        self.pushed = {"pair", "pair_position", "pair_force"} <= run.channels.keys()  # by other bodies
         self.rows = {link.name: k for k, link in enumerate(seen.model.links)}
         self.size = float(np.ptp(self.box[0], axis=0).max())  # [m]
         over = self.box[..., 2].max() if not self.moves else self.box[0, :, 2].max()
@@ -319,16 +327,19 @@ class _Actor:
                 mesh.color = FAILURE if over else piece.color
 
     def _draw_forces(self, q: np.ndarray, row: int, wanted: bool) -> None:
-        if self.force is None or self.ground is None:
-            self.arrows.visible = False
-            return
-        points = contact_positions(self.model, q)
-        pushed = in_world(self.ground, self.force[row], points if self.ground.field is not None else None)
-        weight = 9.81 * self.model.mass
-        felt = np.sqrt((pushed * pushed).sum(axis=1)) > TOUCH * weight
+        points, pushes = np.zeros((0, 3)), np.zeros((0, 3))
+        if self.force is not None and self.ground is not None:
+            points = contact_positions(self.model, q)
+            pushes = in_world(self.ground, self.force[row], points if self.ground.field is not None else None)
+        if self.pushed:
+            on = self.run["pair"][row] > 0
+            points = np.concatenate([points, self.run["pair_position"][row, on]])
+            pushes = np.concatenate([pushes, np.nan_to_num(self.run["pair_force"][row, on], posinf=0.0, neginf=0.0)])
+        weight = 9.81 * max(self.model.mass, LIGHTEST)
+        felt = np.sqrt((pushes * pushes).sum(axis=1)) > TOUCH * weight
         self.arrows.visible = bool(wanted and felt.any())
         if self.arrows.visible:
-            ends = points + 0.8 * self.size / weight * pushed
+            ends = points + 0.8 * self.size / weight * pushes
             self.arrows.points = np.stack([points, ends], axis=1)[felt].astype(np.float32)
 
     def look(self, ghost: bool) -> None:
@@ -341,9 +352,10 @@ class _Actor:
 class _Stage:
     """The ground with the runs on it: side by side along a level line, or all in one place."""
 
-    def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool) -> None:
-        self.actors = actors
-        self.shown = {"follow": True, "forces": True, "center of mass": True, "ghosts": ghosts and len(actors) > 1}
+    def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool, together: bool) -> None:
+        self.actors, self.together = actors, together
+        self.shown = {"follow": not together, "forces": True, "center of mass": True}
+        self.shown["ghosts"] = ghosts and len(actors) > 1
         scene, grounds = server.scene, [actor.ground for actor in actors]
         self.world = scene.add_frame("/world", show_axes=False)
         for k, actor in enumerate(actors):
@@ -355,7 +367,7 @@ class _Stage:
         self.gap = 0.25 * max(actor.size for actor in actors) + max(float(np.ptp(x, axis=1).max()) for x in wide)
         fields = any(ground is not None and ground.field is not None for ground in grounds)
         self.floors: list[Any] = []  # of each run, where there is not one for all
-        if fields or any(ground != grounds[0] for ground in grounds):
+        if not together and (fields or any(ground != grounds[0] for ground in grounds)):
             self.gap = max(float(np.ptp(x)) for x in wide) + 2.2 * max(margin_of(actor.box) for actor in actors)
             self.floors = [_floor(scene, f"/world/run{k + 1}/ground", a.ground, a.box) for k, a in enumerate(actors)]
         else:
@@ -370,6 +382,8 @@ class _Stage:
 
     def _offsets(self) -> list[np.ndarray]:
         n = len(self.actors)
+        if self.together:
+            return [np.zeros(3)] * n
         return [self.gap * (0.5 * (n - 1) - k) * self.across for k in range(n)]
 
     def arrange(self) -> None:

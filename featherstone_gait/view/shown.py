@@ -74,11 +74,7 @@ def show(
         Robot and run do not fit, channels are missing, captions are not one for each run, or a scene of several robots
         comes with captions, ghosts or others.
     """
-    together = isinstance(robot, CompiledScene) and bool(robot.members)
-    runs = [trajectory, *others]
-    if together and (captions or truth("ghosts", ghosts)):
-        raise ValueError("captions, ghosts: members of a scene are drawn under their names; leave out both")
-    seen = _company(runs, robot, plots) if together else _seen(runs, robot, captions, plots)
+    together, seen = _one_or_many([trajectory, *others], robot, captions, plots, ghosts)
     page = Page(page_html(*seen, truth("ghosts", ghosts), together))
     if path is not None:
         page.save(arguments.path("path", path))
@@ -116,7 +112,18 @@ def show_live(
     ImportError
         Without viser (pip install featherstone-gait[viser]).
     """
-    return serve(*_seen([trajectory, *others], robot, captions, plots), ghosts, port)
+    together, seen = _one_or_many([trajectory, *others], robot, captions, plots, ghosts)
+    return serve(*seen, ghosts=ghosts, together=together, port=port)
+
+
+def _one_or_many(
+    runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plots: Sequence[str], ghosts: bool
+) -> tuple[bool, tuple[dict[str, Seen], str, list[str]]]:
+    """Return whether the robot is a scene of several members, drawn in one place, and what `_seen` does."""
+    together = isinstance(robot, CompiledScene) and bool(robot.members)
+    if together and (captions or truth("ghosts", ghosts)):
+        raise ValueError("captions, ghosts: members of a scene are drawn under their names; leave out both")
+    return together, _company(runs, robot, plots) if together else _seen(runs, robot, captions, plots)
 
 
 def _seen(

@@ -11,7 +11,7 @@ from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.simulate import simulate
 from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.view.recorded import page_data
-from featherstone_gait.view.shown import _company, show
+from featherstone_gait.view.shown import _company, show, show_live
 
 TURNED = (0.0, 0.0, 0.0, 1.0)
 
@@ -57,16 +57,22 @@ def test_pictures_of_one_robot_name_the_member_to_take(tmp_path):
     assert '"together":true' in (tmp_path / "four.html").read_text("utf-8")
 
 
-def test_a_page_draws_the_forces_of_other_bodies_on_each_member():
-    """All of a member balance its weight; the lid presses on the crate; plots name the other body."""
+@pytest.fixture(scope="module")
+def pile():
+    """A lid on a crate on a table, a ball on the ground; the scene and its run."""
     crate = body(Box((0.2, 0.2, 0.2)), 1.0)
     members = (Placed(crate, "lid", (0.0, 0.0, 0.7 - 1e-3)), Placed(crate, "crate", (0.0, 0.0, 0.5 - 5e-4)))
     members += (Placed(body(Sphere(0.1), 1.0), "ball", (2.0, 0.0)),)
     table = body(Box((0.3, 0.3, 0.4)), name="table", base="fixed")
     scene = SceneModel("pile", members, (Placed(table, position=(0.0, 0.0, 0.2)),), Ground())
     compiled = compile_scene(scene, None, integrator="ars343", pairs="all")
-    record = ("q", "base_q", "pair", "pair_force", "pair_position", "pair_normal_force")
-    run = simulate(compiled, 0.3, record=record, estimate_error=False)
+    record = ("q", "base_q", "pair", "pair_force", "pair_position", "pair_normal_force", "contact_force")
+    return compiled, simulate(compiled, 0.3, record=record, estimate_error=False)
+
+
+def test_a_page_draws_the_forces_of_other_bodies_on_each_member(pile):
+    """All of a member balance its weight; the lid presses on the crate; plots name the other body."""
+    compiled, run = pile
     seen, _, _ = _company([run], compiled, ())
     data = page_data(seen, together=True)
     for shown in data["runs"][:2]:
@@ -77,3 +83,23 @@ def test_a_page_draws_the_forces_of_other_bodies_on_each_member():
     assert data["unit"] * down[down[:, 5] < 0, 2] == pytest.approx(0.6, abs=2e-3)
     assert data["runs"][0]["channels"]["pair_normal_force"]["labels"] == ["body - crate/body"]
     assert data["runs"][1]["channels"]["pair_normal_force"]["labels"] == ["body - table/body", "body - lid/body"]
+
+
+def test_the_live_page_draws_all_members_where_they_are_and_their_forces(pile):
+    """Arrows on a member add up to its weight, 0.8 times its size; the lid's push on the crate points down."""
+    pytest.importorskip("viser")
+    compiled, run = pile
+    with pytest.raises(ValueError, match="captions, ghosts"):
+        show_live(run, compiled, ghosts=True)
+    with show_live(run, compiled, port=0) as live:
+        live.seek(0.3)
+        actors = {actor.caption: actor for actor in live._actors}
+        assert list(actors) == ["lid", "crate", "ball", "table"]
+        assert not any(actor.place.position.any() for actor in actors.values())
+        for name, place in (("lid", [0.0, 0.0, 0.7]), ("crate", [0.0, 0.0, 0.5]), ("ball", [2.0, 0.0, 0.1])):
+            assert actors[name].links["body"].position == pytest.approx(place, abs=2e-3)
+            arrows = np.diff(actors[name].arrows.points, axis=1)[:, 0]
+            assert arrows.sum(axis=0) == pytest.approx([0.0, 0.0, 0.8 * actors[name].size], abs=1e-2)
+        down = np.diff(actors["crate"].arrows.points, axis=1)[:, 0, 2]
+        assert down[down < 0.0].sum() == pytest.approx(-0.8 * actors["crate"].size, abs=1e-2)
+        assert actors["table"].arrows.visible is False
