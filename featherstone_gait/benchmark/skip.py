@@ -294,19 +294,24 @@ def pair_rows(model: Model, ground: Ground) -> Iterator[tuple[str, Work, Work, s
     feet, sides = ("left_foot", "right_foot"), ("left", "right")
     high = ("head", *(f"{side}_{link}" for side in sides for link in ("shoulder_block", "upper_arm")))
     few = tuple((f"one/{foot}", f"one/{shoulder}") for foot in feet for shoulder in high)
-    none, far, every = (
-        partial(rollout, SceneModel("pairs", (alone,), pairs=pairs), "mipsd", ground) for pairs in ("none", few, "all")
+    close = tuple((f"one/{side}_thigh", f"one/{side}_forearm") for side in sides)
+    close = (("one/left_foot", "one/right_foot"), *close)  # within a millimeter of each other as the humanoid stands
+    scenes = [SceneModel("pairs", (alone,), pairs=pairs) for pairs in ("none", few, "all")]
+    none, far, every, most = (
+        partial(rollout, scene, "mipsd", ground) for scene in (*scenes, replace(scenes[2], excluded=close))
     )
-    eight = [partial(each, worlds=Worlds(8), record=("base_q",)) for each in (none, every)]
-    yield from (
-        ("no pairs (humanoid)", none(), far(), f"{len(few)} pairs of links, far"),
-        ("no pairs of any links (humanoid)", none(), every(), "all pairs of its links, none near"),
-        ("no pairs of any links, eight lanes", eight[0](), eight[1](), ""),
-    )
+    eight = [partial(each, worlds=Worlds(8), record=("base_q",)) for each in (none, far, most, every)]
+    without, *lanes = (each() for each in eight)
+    notes = f"{len(few)} pairs of links, far", "all pairs of its links but three", "all, three of them within 1 mm"
+    names = "no far pairs", "no pairs of links", "no pairs of links, some near"
+    rows = [*zip(names, (far, most, every), notes)]
+    yield from ((f"{name} (humanoid)", none(), each(), note) for name, each, note in rows)
+    yield from ((f"{name}, eight lanes", without, each, note) for name, each, note in zip(names, lanes, notes))
     below = [Placed(solid(Sphere(0.05), 1.0), f"ball {k}", (3.0 + k, 0.0, 0.05)) for k in range(5)]
     above = [Placed(ball.model, f"{ball.name} above", (*ball.position[:2], 0.1495)) for ball in below]
     for count, what in ((1, "one point"), (5, "five points")):
         members = (alone, *below[:count], *above[:count])
-        names = tuple((one.name, two.name) for one, two in zip(below[:count], above[:count]))
-        apart, touching = (rollout(SceneModel("balls", members, pairs=pairs), "mipsd", ground) for pairs in ((), names))
+        meeting = tuple((one.name, two.name) for one, two in zip(below[:count], above[:count]))
+        scenes = [SceneModel("balls", members, pairs=pairs) for pairs in ((), meeting)]
+        apart, touching = (rollout(scene, "mipsd", ground) for scene in scenes)
         yield f"no touching at {what} (humanoid)", apart, touching, "a ball on a ball each"
