@@ -124,7 +124,8 @@ class _Robots:
         from ..view.movie import Picture
 
         assert self.scene.ground is not None
-        return Picture(*self.drawn_first(), self.scene.ground.height)
+        model, q = self.drawn_first()
+        return Picture([model], q, self.scene.ground.height)
 
     def drawn_first(self) -> tuple[Model, np.ndarray]:
         """Return the model to draw, and its positions (1, nq) at the start."""

@@ -17,9 +17,10 @@ from ..base import arguments
 from ..base.arguments import instance, listed, real, shown, whole
 from ..base.files import FilePath, complete
 from ..dynamics import forward_kinematics
-from ..model import Model
+from ..model import Ground, Model
 from ..run.trajectory import Trajectory, positions
-from .shown import Robot, robot_of
+from ..scene.compile import CompiledScene
+from .shown import Robot, company_of, robot_of
 from .visuals import bodies, round_up
 
 MOST_FRAMES = 3000
@@ -51,7 +52,7 @@ def save_movie(
     path : path
         Of the .gif, .mp4 or .webm, or of a folder for PNG files.
     robot : Model, CompiledScene, path or str, optional
-        As in `show`.
+        As in `show`; all members of a scene are drawn.
     fps : float
         Frames per second; at most 50, which is the most that a GIF shows.
     speed : float
@@ -84,12 +85,13 @@ def save_movie(
     if ending and ending not in ENDINGS:
         kinds = ", ".join(ENDINGS)
         raise ValueError(f"{target}: expected a name that ends in {kinds}, or a folder for PNG files: use these")
-    model, ground = robot_of(trajectory, robot)
+    models, motions, ground = _actors(trajectory, robot)
     times = _times(trajectory, fps, speed)
     rows = np.searchsorted(trajectory["time"], times + 1e-9, side="right") - 1  # of the last samples before
-    q = positions(trajectory, model)[np.clip(rows, 0, len(trajectory["time"]) - 1)]
+    rows = np.clip(rows, 0, len(trajectory["time"]) - 1)
+    q = np.hstack([motion[rows] for motion in motions])
     even = [x - x % 2 for x in pixels] if ending in VIDEOS else pixels
-    picture = Picture(model, q, None if ground is None else ground.height, even)
+    picture = Picture(models, q, None if ground is None else ground.height, even)
     frames = _drawn(picture, trajectory, q, times)
     if ending:
         with complete(target) as temporary, _writing(temporary, fps, picture.figure) as writer:
@@ -101,6 +103,16 @@ def save_movie(
             with complete(target / f"frame_{k:04d}.png") as temporary:
                 picture.figure.savefig(temporary, dpi=DOTS)
     return len(times)
+
+
+def _actors(trajectory: Trajectory, robot: Robot) -> tuple[list[Model], list[np.ndarray], Ground | None]:
+    """Return the models to draw, their positions (samples, nq), and the ground."""
+    if isinstance(robot, CompiledScene) and robot.members:
+        seen = company_of(trajectory, robot).values()
+        models = [one.model for one in seen]
+        return models, [positions(one.trajectory, one.model) for one in seen], robot.ground
+    model, ground = robot_of(trajectory, robot)
+    return [model], [positions(trajectory, model)], ground
 
 
 @contextmanager
@@ -161,14 +173,14 @@ def _drawn(picture: Picture, trajectory: Trajectory, q: np.ndarray, times: np.nd
 
 
 class Picture:
-    """A picture of a robot on the ground, which is drawn anew for each posture.
+    """A picture of robots on the ground, which is drawn anew for each posture.
 
     Parameters
     ----------
-    model : Model
-        The robot.
+    models : sequence of Model
+        The robots.  A single one stays in the middle, several stand where they are.
     q : ndarray
-        Postures (n, nq) that the picture has room for; the first is in its middle.
+        Postures (n, sum of all nq) that the picture has room for, robot by robot; the first is in its middle.
     floor : float or None
         Height of the ground [m]; None: nothing is under the robot.
     size : sequence of int
@@ -180,20 +192,24 @@ class Picture:
         The picture.
     """
 
-    def __init__(self, model: Model, q: np.ndarray, floor: float | None, size: Sequence[int] = SIZE) -> None:
+    def __init__(self, models: Sequence[Model], q: np.ndarray, floor: float | None, size: Sequence[int] = SIZE) -> None:
         from matplotlib.colors import LightSource
         from matplotlib.figure import Figure
 
-        self.model, self.floor, self.size, self.found = model, floor, size, bodies(model)[0]
+        self.models, self.floor, self.size = models, floor, size
+        self.found = [body for model in models for body in bodies(model)[0]]
         self.figure = Figure(figsize=(size[0] / DOTS, size[1] / DOTS), dpi=DOTS)
         self.figure.set_facecolor(GROUND if floor is not None else SKY)
-        self.rows = [model.link_index(body.link) for body in self.found]
-        poses = forward_kinematics(model, q)
-        first = np.concatenate(self._corners(poses.rotation[0], poses.position[0]))
+        self.ends = np.cumsum([model.nq for model in models])[:-1]
+        firsts = np.cumsum([0, *(len(model.links) for model in models)])
+        links = [(first, model, body.link) for first, model in zip(firsts, models) for body in bodies(model)[0]]
+        self.rows = [first + model.link_index(link) for first, model, link in links]
+        rotation, position = self._poses(q)
+        first = np.concatenate(self._corners(rotation[0], position[0]))
         self.low, self.high = first.min(axis=0), first.max(axis=0)
-        self.root = model.link_index(model.root)
-        self.start = poses.position[0, self.root]
-        spread = np.ptp(poses.position[:, self.rows], axis=1).max(axis=0)
+        self.root = models[0].link_index(models[0].root)
+        self.start = position[0, self.root]
+        spread = np.ptp(position[:, self.rows], axis=1).max(axis=0)
         self.half = 0.8 * max(*((self.high - self.low) * (0.7, 0.7, 1.0)).tolist(), float(spread.max()), 1e-3)
         colors = [np.array([*color, 255.0]) / 255.0 for body in self.found for color in body.colors]
         smooth = [body.smooth for body in self.found for _ in body.colors]
@@ -204,26 +220,32 @@ class Picture:
         square = (0.0, 0.5 - 0.5 * self.wide, 1.0, self.wide)
         self.axes: Any = self.figure.add_axes(square, projection="3d", computed_zorder=False, facecolor="none")
 
+    def _poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the poses of all links, one robot after the other, in postures (n, sum of all nq)."""
+        poses = [forward_kinematics(model, own) for model, own in zip(self.models, np.split(q, self.ends, axis=1))]
+        return np.concatenate([one.rotation for one in poses], 1), np.concatenate([one.position for one in poses], 1)
+
     def _corners(self, rotation: np.ndarray, position: np.ndarray) -> list[np.ndarray]:
         """Compute the corners (n, 3) of each body in the world [m] from the poses of all links."""
         return [body.points @ rotation[row].T + position[row] for body, row in zip(self.found, self.rows)]
 
     def draw(self, q: np.ndarray, label: str = "", color: str = "0.15") -> None:
-        """Draw a posture (nq,), with a label in a corner."""
+        """Draw a posture (sum of all nq,), with a label in a corner."""
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-        axes, half, poses = self.axes, self.half, forward_kinematics(self.model, q)
+        axes, half = self.axes, self.half
+        rotation, position = (part[0] for part in self._poses(q[None]))
         axes.clear()
         axes.set_axis_off()
         axes.view_init(*EYE)
         axes.set_proj_type("persp", focal_length=FOCAL)
-        away = poses.position[self.root] - self.start
+        away = (position[self.root] - self.start) * (len(self.models) == 1)
         x, y, z = 0.5 * (self.low + self.high) + [away[0], away[1], 0.0]
         axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), zlim=(z - half, z + half))
         axes.set_box_aspect((1.0, 1.0, 1.0), zoom=ZOOM / max(1.0, 0.8 * self.wide))
         if self.floor is not None:
             axes.add_collection3d(Poly3DCollection(_squares(x, y, self.floor, half), facecolor=SQUARE, zorder=0))
-        corners = self._corners(poses.rotation, poses.position)
+        corners = self._corners(rotation, position)
         faces = [points[list(face)] for body, points in zip(self.found, corners) for face in body.faces]
         axes.add_collection3d(Poly3DCollection(faces, **self.looks, zorder=1))
         looks = {"color": color, "va": "top", "fontsize": 11, "parse_math": False}  # a "$" in a name is no formula

@@ -155,6 +155,11 @@ def _company(runs: Sequence[Trajectory], scene: Any, plots: Sequence[str]) -> tu
     instance("trajectory", run, Trajectory, "give what simulate returns")
     if others:
         raise ValueError("others: runs of several robots are shown one by one; give one run and its scene")
+    return company_of(run, scene), scene.model.name, texts("plots", plots, "give a list of channels")
+
+
+def company_of(run: Trajectory, scene: CompiledScene) -> dict[str, Seen]:
+    """Return the run of each member by its name, and the obstacles."""
     seen = {}
     for member in scene.members:
         fixed = member.model.base == "fixed"
@@ -166,7 +171,7 @@ def _company(runs: Sequence[Trajectory], scene: Any, plots: Sequence[str]) -> tu
     for placed in scene.obstacles:
         still = Trajectory(times, Status.OK, "", float(run["time"][-1]), np.zeros(0), {"robot": placed.name})
         seen[placed.name] = Seen(at_its_place(placed), still, scene.ground)
-    return seen, scene.model.name, texts("plots", plots, "give a list of channels")
+    return seen
 
 
 def at_its_place(placed: Placed) -> Model:

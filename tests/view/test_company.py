@@ -10,6 +10,7 @@ from featherstone_gait.model.shapes import Box, Sphere
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.simulate import simulate
 from featherstone_gait.scene.compile import compile_scene
+from featherstone_gait.view.movie import Picture, _actors, save_movie
 from featherstone_gait.view.recorded import page_data
 from featherstone_gait.view.shown import _company, show, show_live
 
@@ -103,3 +104,14 @@ def test_the_live_page_draws_all_members_where_they_are_and_their_forces(pile):
         down = np.diff(actors["crate"].arrows.points, axis=1)[:, 0, 2]
         assert down[down < 0.0].sum() == pytest.approx(-0.8 * actors["crate"].size, abs=1e-2)
         assert actors["table"].arrows.visible is False
+
+
+def test_a_movie_draws_all_members_and_obstacles(pile, tmp_path):
+    """From the ball's far side to the table's, from the ground to the top of the lid."""
+    compiled, run = pile
+    models, motions, ground = _actors(run, compiled)
+    assert ground == Ground()
+    picture = Picture(models, np.hstack([motion[:1] for motion in motions]), 0.0)
+    assert picture.low == pytest.approx([-0.15, -0.15, 0.0], abs=2e-3)
+    assert picture.high == pytest.approx([2.1, 0.15, 0.8], abs=3e-3)
+    assert save_movie(run, tmp_path / "frames", compiled, fps=10.0, size=(160, 120)) == 4
