@@ -69,7 +69,8 @@ class Placed:
         check(name_flaws("placed model's", self.name))
         if SEPARATOR in self.name:
             raise ValueError(f"{what}: its name has {SEPARATOR!r}, which divides it from its links': give another name")
-        size = 2 if isinstance(self.position, Sized) and len(self.position) == 2 else 3
+        is_list = isinstance(self.position, Sized) and getattr(self.position, "ndim", 1) > 0
+        size = 2 if is_list and len(self.position) == 2 else 3
         check(
             vector_flaws(what, "position", self.position, size),
             vector_flaws(what, "orientation", self.orientation, 4),

@@ -216,6 +216,8 @@ def test_names_and_places_are_checked():
         compile_scene([])
     with pytest.raises(TypeError, match="Placed"):
         compile_scene([ball(), "box"])
+    with pytest.raises(ValueError, match=r"position is array\(1\.\); expected 3"):
+        Placed(ball(), position=np.array(1.0))
     scene = objects()
     with pytest.raises(ValueError, match="there are ball, box"):
         initial_state(scene, {"bal": np.zeros(7)})
