@@ -7,10 +7,11 @@ without contact points touch the ground with their shapes.
 
 **How.**  Of a pair that rests under the weight of a mass m on N points, each point has the stiffness k = m g / (N
 penetration), and Hunt and Crossley's damping d = 2 zeta / sqrt(g penetration), as points on the ground have (see
-contact.py).  m is the stated load, else the mass of the heavier of the two trees, without a root that is fixed; N is 1
-for spheres, 2 for capsules, 4 else.  The tangential damping is that of the reduced mass of the two.  The coefficient of
-friction is the geometric mean of those of the two shapes, in place of which the scene's stands where one has none.  On
-the ground a shape has the numbers that a point of its link would have.
+contact.py).  m is the stated load, else all that may come to rest on the pair: the mass of its trees and of all that
+these can touch directly or through others, without roots that are fixed.  N is 1 for spheres, 2 for capsules, 4 else.
+The tangential damping is that of the reduced mass of the two.  The coefficient of friction is the geometric mean of
+those of the two shapes, in place of which the scene's stands where one has none.  On the ground a shape has the numbers
+that a point of its link would have, for the weight of its own tree.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..base.fixed_order import applied, product, total
 from ..base.rotation import rotation_from_quaternion
@@ -369,10 +372,9 @@ def _fill_law(
     """Fill stiffness, damping and friction of each pair; the ground's are those that it has for points."""
     option, ground, g = options.pairs, options.ground, options.g or EARTH
     assert option is not None
-    heavier, reduced = _masses(table, tree)
-    load = heavier if option.load is None else np.full(len(table), option.load)
-    points = _carrying(table, shapes)
     on_ground = np.array([solid.link == GROUND for solid in solids])[table.b]
+    load = _resting(table, tree, on_ground) if option.load is None else np.full(len(table), option.load)
+    points, reduced = _carrying(table, shapes), _reduced(table, tree)
     depth, ratio = np.full(len(table), option.penetration), np.full(len(table), option.damping_ratio)
     both = zip(table.a.tolist(), table.b.tolist())
     table.friction = [_friction(solids[a], solids[b], option, ground) for a, b in both]
@@ -420,11 +422,22 @@ def _friction(a: Solid, b: Solid, option: PairContact, ground: Ground | None) ->
     return math.sqrt((option.friction if one is None else one) * (option.friction if other is None else other))
 
 
-def _masses(table: np.recarray, tree: Tree) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mass of the heavier tree of each pair, and the reduced mass of both [kg]."""
+def _resting(table: np.recarray, tree: Tree, on_ground: np.ndarray) -> np.ndarray:
+    """Return the mass that may come to rest on each pair [kg]: of all trees that can touch each other.
+
+    on_ground: (pairs,) where it is that of the tree alone.
+    """
+    mass, both = np.array(moving_masses(tree)), table.folded == 0
+    meeting = coo_array((np.ones(both.sum()), (table.tree_a[both], table.tree_b[both])), shape=(len(mass), len(mass)))
+    group = connected_components(meeting, directed=False)[1]
+    return np.where(on_ground, mass[table.tree_a], np.bincount(group, mass)[group[table.tree_a]])
+
+
+def _reduced(table: np.recarray, tree: Tree) -> np.ndarray:
+    """Return the reduced mass of the two trees of each pair [kg]."""
     mass = np.array([*moving_masses(tree), 0.0])  # of WORLD, the last, none
-    one, two = mass[table.tree_a], np.where(table.folded, 0.0, mass[table.tree_b])
-    return np.maximum(one, two), np.where(table.folded, one, one * two / np.maximum(one + two, LIGHTEST))
+    one, two = mass[table.tree_a], mass[table.tree_b]
+    return np.where(table.folded, one, one * two / np.maximum(one + two, LIGHTEST))
 
 
 def limited(check: Preflight, touching: Touching, tree: Tree) -> Preflight:
@@ -432,7 +445,7 @@ def limited(check: Preflight, touching: Touching, tree: Tree) -> Preflight:
     if touching.table is None:
         return check
     table = touching.table.pairs
-    steps = 2.0 * np.sqrt(_masses(table, tree)[1] / (_carrying(table, touching.table.shapes) * table.stiffness))
+    steps = 2.0 * np.sqrt(_reduced(table, tree) / (_carrying(table, touching.table.shapes) * table.stiffness))
     k = int(steps.argmin())
     limit = Limit(" - ".join(touching.names[k]), float(steps[k]), "contact spring")
     largest, folded, sliding = (

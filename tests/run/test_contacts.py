@@ -19,6 +19,7 @@ from featherstone_gait.view.plotting import plot
 
 G = 9.81  # [m/s^2]
 BOX, ONE, TWO = 2.0, 1.0, 0.25  # masses [kg]
+LAW = PairContact(load=BOX)
 SPEED = 1.0  # of one ball towards the other [m/s]
 RECORD = ("base_q", "base_qd", "pair", "pair_force", "pair_normal_force", "pair_gap", "pair_position", "pair_work")
 
@@ -34,7 +35,7 @@ def table_and_balls():
     return SceneModel("meeting", members, (Placed(table, position=(0.0, 0.0, 0.25)),), Ground())
 
 
-def compiled(pairs="all", timestep=1e-3):
+def compiled(pairs=LAW, timestep=1e-3):
     return compile_scene(table_and_balls(), None, integrator="ars343", timestep=timestep, pairs=pairs)
 
 

@@ -79,7 +79,7 @@ def test_newtons_cradle_keeps_momentum_and_energy(integrator):
     x = np.cumsum([0.0, 2 * RADIUS + 0.002, 2 * RADIUS + 0.003, 2 * RADIUS + 0.001, 2 * RADIUS + 0.002])
     balls = [ball(RADIUS, 0.5, f"b{k}", (float(x[k]), 0.0, 0.0)) for k in range(5)]
     scene = touching(balls, integrator=integrator, timestep=1e-5 if integrator in FIXED_STEPS else None,
-                     damping_ratio=0.0)  # fmt: skip
+                     damping_ratio=0.0, load=0.5)  # fmt: skip
     start = initial_state(scene, None, {f"b{k}": [0.5, 0.0, 0.0, 0.0, 0.0, 0.0] for k in (0, 1)})
     run = simulate(scene, 0.1, start, record=("base_q", "base_qd"))
     v = run["base_qd"][:, :, 0]

@@ -275,11 +275,11 @@ def test_a_box_rests_on_an_obstacle_exactly_as_deep_as_on_the_ground():
     assert np.abs(ends[0] - ends[1]).max() < 1e-9
 
 
-def test_a_pair_is_as_stiff_as_the_heavier_side_or_the_load_asks_for():
+def test_a_pair_is_as_stiff_as_all_that_may_rest_on_it_or_the_load_asks_for():
     heavy, light = body(CUBE, 100.0, friction=0.9), body(CUBE, 0.1, friction=0.4)
     placed = [Placed(heavy, "heavy"), Placed(light, "light", position=(1.0, 0.0, 0.0))]
     (pair,) = table_of(compile_scene(placed, pairs=PairContact(penetration=1e-3)))
-    assert pair.stiffness == pytest.approx(100.0 * G / (4 * 1e-3))
+    assert pair.stiffness == pytest.approx(100.1 * G / (4 * 1e-3))
     assert pair.damping == pytest.approx(2 * 0.7 / math.sqrt(G * 1e-3))
     assert pair.friction == pytest.approx(math.sqrt(0.9 * 0.4))
     reduced = 100.0 * 0.1 / 100.1
@@ -287,7 +287,18 @@ def test_a_pair_is_as_stiff_as_the_heavier_side_or_the_load_asks_for():
     (pair,) = table_of(compile_scene(placed, pairs=PairContact(load=3.0)))
     assert pair.stiffness == pytest.approx(3.0 * G / (4 * 5e-4))
     (pair,) = table_of(compile_scene(placed, pairs="all", gravity=(0.0, 0.0, 0.0)))
-    assert pair.stiffness == pytest.approx(100.0 * G / (4 * 5e-4))
+    assert pair.stiffness == pytest.approx(100.1 * G / (4 * 5e-4))
+
+
+def test_what_touches_through_others_may_rest_on_a_pair_too():
+    masses = {"a": 1.0, "b": 2.0, "c": 4.0, "d": 8.0, "e": 16.0}
+    placed = [Placed(body(CUBE, mass), name, position=(x, 0.0, 0.0)) for x, (name, mass) in enumerate(masses.items())]
+    meeting = PairContact((("a", "b"), ("b", "c"), ("d", "e"), ("c", "floor"), ("e", "floor")))
+    scene = compile_scene(SceneModel("x", placed, [obstacle(CUBE, "floor")]), pairs=meeting)
+    load = {tuple(sorted(link[0] for link in pair)): 4.0 * 5e-4 * row.stiffness / G
+            for pair, row in zip(scene.pairs, table_of(scene))}  # fmt: skip
+    expected = {("a", "b"): 7.0, ("b", "c"): 7.0, ("c", "f"): 7.0, ("d", "e"): 24.0, ("e", "f"): 24.0}
+    assert load == pytest.approx(expected)
 
 
 def test_a_fixed_base_weighs_nothing():
