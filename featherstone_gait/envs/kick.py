@@ -19,6 +19,7 @@ from ..base.rotation import rotation_from_quaternion
 from ..dynamics import deepest_points, forward_kinematics
 from ..geometry.body import body
 from ..model import Ground, Joint, Link, Model
+from ..model.pair_contact import PairContact
 from ..model.placed import Placed, SceneModel
 from ..model.shapes import Box, Shape, Sphere
 from ..run.session import Session
@@ -73,7 +74,7 @@ def kick_scene(robot: Any = "humanoid", gearbox: Any = None, mass: float = MASS)
     sides = zip(POSTS, (0.5 * WIDTH, -0.5 * WIDTH))
     posts = tuple(Placed(post, name, (GOAL, side, 0.5 * POST[2])) for name, side in sides)
     members = Placed(model, ROBOT), Placed(ball, position=(x, y))
-    pairs = [(ROBOT, BALL), *((BALL, name) for name in POSTS)]
+    pairs = PairContact(((ROBOT, BALL), *((BALL, name) for name in POSTS)), load=max(model.mass, ball.mass))
     scene = SceneModel("kick", members, posts, Ground())
     return compile_scene(scene, kind, integrator="midpoint", timestep=1e-3, pairs=pairs)
 

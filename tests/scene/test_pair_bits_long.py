@@ -63,7 +63,7 @@ def test_heaps_far_apart_move_as_each_alone(integrator):
     timestep = 5e-4 if integrator != "rk4" else 1e-4
     both = {"left": heap("left", -6.0), "right": heap("right", 6.0, SEED + 1)}
     sets = [*both.values(), [*both["left"], *both["right"]]]
-    scenes = [touching(some, floor(), integrator, timestep, DOWN) for some in sets]
+    scenes = [touching(some, floor(), integrator, timestep, DOWN, load=10.0) for some in sets]
     *alone, together = [simulate(one, 0.5, record=("base_q", "base_qd"), estimate_error=False) for one in scenes]
     for run, names in zip(alone, both.values()):
         for name in (one.name for one in names):
