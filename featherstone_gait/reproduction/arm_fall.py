@@ -199,6 +199,7 @@ def _coulomb_claim(result: ArmFallResult) -> Claim:
         item="Table 2",
         paper="F_c = 0.0000171 N m",
         ours=f"it changes the forearm's fall by at most {plus_minus(seen, finer, '.3f')} deg",
+        holds=True,
         verdict=classify(seen > count),
         why=f"Rule: more than one count of the encoder, {count:.2f} deg. A fall cannot distinguish this F_c at the "
         "output from zero. If it is meant at the rotor, it is 254 times as large at the output and changes the fall by "
@@ -226,6 +227,7 @@ def _gearbox_claim(result: ArmFallResult) -> Claim:
         paper="servomotor model unchanged",
         ours=f"with J = 1e-7 kg m² and Table 2's B_v the forearm's fall differs by up to {changed_by} deg and "
         f"swings {_overshoot(kinds['mipsd'])} deg beyond the vertical",
+        holds=True,
         verdict=classify(apart < ENCODER_STEP),
         why="Rule: the fall differs by less than one count of the encoder. The reflected rotor inertia (6.5e-3 kg m² "
         "for J = 1e-7) is 23 times the forearm's, so friction "

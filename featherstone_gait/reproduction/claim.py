@@ -59,6 +59,8 @@ class Claim:
         The factors between which the number counts as reproduced; needed where there is a factor.
     order : bool
         Whether the statement is an order or a sign, which alone can be reproduced in direction.
+    holds : bool
+        Whether it is neither that nor one number: it holds, by the rule in `why`, or it does not.
 
     Raises
     ------
@@ -75,10 +77,16 @@ class Claim:
     factor: float | None = None
     accepted: tuple[float, float] | None = None
     order: bool = False
+    holds: bool = False
 
     def __post_init__(self) -> None:
         if self.item and self.verdict == "reproduced in direction" and not self.order:
             self._refuse('only an order or a sign is reproduced "in direction"; a number is or is not: give order=True')
+        if self.order and self.holds:
+            self._refuse("an order can hold in direction: give either order=True or holds=True")
+        judged = self.item and self.verdict not in (NO_CURVE, "undecided")
+        if judged and self.factor is None and not (self.order or self.holds):
+            self._refuse("a number needs its factor and those accepted; of another statement give order or holds=True")
         if self.factor is None:
             return
         if self.accepted is None:

@@ -119,6 +119,7 @@ def _walks(result: CompleteHumanoidResult) -> Claim:
         ours=f"{len(walk.joints)} joints, {walk.poses[0].size} angles: {walk.best[0, 0]:.1f} J/m as planned, "
         f"{span(walk.costs, '.1f')} J/m after {result.settings.iterations} iterations "
         f"({span(walk.gains, '+.0%')})",
+        holds=True,
         verdict=classify(walks and (walk.gains < 0.0).all()),
         why="Rule: the planned gait and all gaits found walk, also at a quarter of the step, and all are cheaper. A "
         f"quarter of the step changes the cost by {span(fine, '+.1%')}",

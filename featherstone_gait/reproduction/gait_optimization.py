@@ -352,6 +352,7 @@ def _signs(result: GaitSearchResult) -> Claim:
         item="Section 5",
         paper="less, longer",
         ours=f"both in {sum(both)} of {len(both)} searches",
+        order=True,
         verdict=classify(all(both)),
         why="Rule: both in every search. By how much is the matter of the next two statements",
     )

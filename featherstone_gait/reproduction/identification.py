@@ -181,6 +181,7 @@ def _parameters_claim(result: IdentificationResult) -> Claim:
         item="Table 2",
         paper="Table 2, without uncertainty",
         ours=", ".join(f"{name} {error:+.2%}" for name, error in result.errors.items()),
+        holds=True,
         verdict=classify(found),
         why=f"Rule: all within {GOOD:.0%} of the known servo ({len(result.fit.recordings)} recordings; the largest "
         f"error is that of {worst}). {share:.0%} of the 95 % intervals contain the true value over {count} seeds. The "

@@ -231,7 +231,7 @@ def _ratio(result: RatioResult) -> Claim:
     )
     found = _onset(settings.ratios, result.over_ratios("standard"), "at ratios of {:g} to {:g}")
     ours = f"{PAPER_JOINTS} joints: {found}"
-    return Claim(claim, "no number", ours, _verdict(rows, result), why, "Section 3")
+    return Claim(claim, "no number", ours, _verdict(rows, result), why, "Section 3", order=True)
 
 
 def _joints(result: RatioResult) -> Claim:
@@ -245,7 +245,7 @@ def _joints(result: RatioResult) -> Claim:
     found = _onset(settings.joints, result.over_joints("standard"), "with {:g} to {:g} joints")
     ours = f"ratio {PAPER_RATIO:g}: {found}"
     claim = "A robot with a high number of joints easily becomes unstable"
-    return Claim(claim, "no number", ours, _verdict(rows, result), why, "Abstract")
+    return Claim(claim, "no number", ours, _verdict(rows, result), why, "Abstract", order=True)
 
 
 def _rotor(result: RatioResult) -> Claim:

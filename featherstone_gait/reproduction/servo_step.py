@@ -281,6 +281,7 @@ def _gearbox_claim(result: ServoStepResult) -> Claim:
         ours=f"rise {standard.stated('rise', 1e3, '.0f')} ms standard, {mipsd.stated('rise', 1e3, '.0f')} ms MIPSD "
         f"({longer:+.0%}); overshoot {standard.stated('overshoot', percent, '.1f')} and "
         f"{mipsd.stated('overshoot', percent, '.1f')} %",
+        holds=True,
         verdict=classify(same),
         why=f"Rule: rise time and overshoot within {TOLERANCE:.0%}. Both depend on the rotor inertia, which the paper "
         f"does not give (rise, overshoot): {by_inertia}. {ERROR}",

@@ -133,6 +133,7 @@ def _damping_claim(result: ServoTermsResult) -> Claim:
         item="Eq. 2",
         paper="no value for B_vr",
         ours=f"the two falls of an arm differ by at most {math.degrees(apart):.2f} deg",
+        holds=True,
         verdict=classify(apart < ENCODER_STEP),
         why=f"Rule: within a count of the encoder ({math.degrees(ENCODER_STEP):.2f} deg). The rest is due to the "
         "gearbox's spring. Table 2's B_v cannot be meant as B_vr: the arm would sink only by "

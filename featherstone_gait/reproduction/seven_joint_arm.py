@@ -383,7 +383,7 @@ def _printed(result: ArmHoldResult) -> Claim:
     paper = "1e-5 N m/rad, 1e-4 N m s/rad"
     verdict = classify(word == "holds")
     claim = "The printed constants K_s and K_B of the gearbox hold the arm"
-    return Claim(claim, paper, f"it {word}", verdict, why, "Eq. 4")
+    return Claim(claim, paper, f"it {word}", verdict, why, "Eq. 4", holds=True)
 
 
 def _over_gains(result: ArmHoldResult, **model: Any) -> list[Outcome]:

@@ -110,7 +110,7 @@ def here(task: Task) -> tuple[Trajectory, np.ndarray]:
     members = Placed(task.model, "robot"), placed
     own = dict.fromkeys(shape.link for shape in thing.shapes)
     touching = tuple((f"robot/{link}", f"thing/{other}") for link in task.links for other in own)
-    pairs = PairContact(touching, PENETRATION, friction=task.friction)
+    pairs = PairContact(touching, PENETRATION, friction=task.friction, load=task.model.mass)
     model = SceneModel("with an object", members, ground=ground)
     scene = compile_scene(model, "mipsd", None, "midpoint", STEP, pairs=pairs)
     q = standing(task.alone, task.angles, depth)

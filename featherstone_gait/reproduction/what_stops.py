@@ -312,6 +312,7 @@ def _scatter(result: StopResult) -> Claim:
         paper=f"{PAPER_COST:.0%}, steps {PAPER_STEP:+.0%}",
         ours=f"{span([row.cost for row in swept], '+.0%')}, steps {span([row.longer for row in swept], '+.0%')}; "
         f"without scatter {clean:+.0%}",
+        holds=True,
         verdict=classify(
             all(abs(r.cost - PAPER_COST) < POINTS and abs(r.longer - PAPER_STEP) < POINTS for r in documented),
             enough=bool(documented) and result.settings.iterations >= PAPER_CONVERGED,

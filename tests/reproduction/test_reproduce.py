@@ -290,17 +290,22 @@ def test_a_number_is_reproduced_or_not_and_only_an_order_in_direction():
         {"verdict": "reproduced in direction", "factor": 2.0, "accepted": (0.5, 2.0)},
         {"verdict": "not reproduced", "factor": 2.0},  # no interval
         {"verdict": "reproduced", "factor": 2.1, "accepted": (0.5, 2.0)},
+        {"verdict": "reproduced"},  # neither a number, nor an order, nor what holds
+        {"verdict": "not reproduced"},
+        {"verdict": "reproduced in direction", "holds": True},
+        {"verdict": "reproduced", "holds": True, "order": True},
     ):
         with pytest.raises(ValueError, match="'a'"):
             Claim(**number, **wrong)
     assert Claim(**number, verdict="reproduced", factor=2.0, accepted=within(2.0)).interval == "0.5 to 2"
+    assert Claim(**number, verdict="not reproduced", holds=True).word == "not reproduced"
     assert Claim(**number, verdict="reproduced in direction", order=True).word == "reproduced in direction"
 
 
 def test_a_notebook_shows_claims_as_a_table_in_the_papers_order():
     claims = [
         Claim("<own>", "", "1", "reproduced", ""),
-        Claim("b", "1", "1", "not reproduced", "x & y", "Table 3"),
+        Claim("b", "1", "1", "not reproduced", "x & y", "Table 3", holds=True),
         Claim("a", "1", "1", "reproduced", "", "Fig. 9", 1.0, (0.5, 2.0)),
     ]
     text = ClaimTable(claims)._repr_html_()
