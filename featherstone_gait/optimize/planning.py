@@ -14,7 +14,7 @@ from ..model import Ground, Model
 from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..scene.tree import GRAVITY
-from ..walking.cheapest_plan import PlanKind, States, check_speed, first_gait, gentle_plan
+from ..walking.cheapest_plan import SLOW, PlanKind, States, check_speed, first_gait, gentle_plan
 from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import CostInWorlds, in_worlds
 from ..walking.gait import mirror_of
@@ -142,11 +142,11 @@ def _other_plan(job: Job, plain: Start | None, failure: str) -> Start:
     try:
         found = gentle_plan(scene, states, **walk)
         gentle = _start(job, "cheapest", found.cost)
-        job.print(f"a plan of slow steps walks, at {found.value:.1f} J/m in its worlds; trying others")
+        job.print(f"a plan of slow steps walks, at {found.value:.1f} J/m in its worlds; trying others of that kind")
     except ValueError as error:
         job.print(f"{error}. Other plans are tried all the same")
     try:
-        cheapest = plan_first_gait(job, "cheapest")
+        cheapest = plan_first_gait(job, "cheapest", **{"box": SLOW} if gentle else {})
     except ValueError as error:
         if (fallen := gentle or plain) is None:  # the search starts from a gait that falls and may find one that walks
             raise
@@ -166,13 +166,12 @@ def _check_strength(job: Job) -> None:
     check_strength(job.model, plan)
 
 
-def plan_first_gait(job: Job, plan: PlanKind) -> Start:
-    """Plan a first gait and evaluate it; raise ValueError if there is none."""
+def plan_first_gait(job: Job, plan: PlanKind, **how: Any) -> Start:
+    """Plan a first gait and evaluate it, `how` as of `walking.first_gait`; raise ValueError if there is none."""
     options = job.options
     cost = _stored_plan(job) if plan == "cheapest" else None
-    return _start(job, plan, cost or walking_cost(
-        job.model, options.gearbox, states=_states(job), plan=plan, progress=options.progress, **(options.walk or {}),
-    ))  # fmt: skip
+    how |= {"states": _states(job), "plan": plan, "progress": options.progress, **(options.walk or {})}
+    return _start(job, plan, cost or walking_cost(job.model, options.gearbox, **how))
 
 
 def _start(job: Job, plan: PlanKind, cost: WalkingCost) -> Start:

@@ -156,6 +156,7 @@ def first_gait(
     plan: PlanKind = "cheapest",
     states: States = "step",
     *,
+    box: Box | None = None,
     searched: Searched | None = None,
     seed: int = 0,
     progress: bool = False,
@@ -172,7 +173,7 @@ def first_gait(
         similarity, at 20 ms; "cheapest" is the result of `cheapest_plan`.
     states : {"step", "stride"}
         Whether the four poses are those of a stride, or of a step that the other leg mirrors.
-    searched, seed, progress
+    box, searched, seed, progress
         As of `cheapest_plan`.
     **walk
         Settings of `WalkSettings` that are fixed.
@@ -192,7 +193,8 @@ def first_gait(
     one_of("plan", plan, get_args(PlanKind))
     one_of("states", states, get_args(States))
     if plan == "cheapest":
-        return cheapest_plan(scene, states, searched=searched, seed=seed, progress=progress, **walk).cost
+        how: dict[str, Any] = {"box": box, "searched": searched, "seed": seed, "progress": progress}
+        return cheapest_plan(scene, states, **how, **walk).cost
     model, g = scene.model, downward(scene.gravity)
     if abs(standing_posture(model)[0] / HEIGHT - 1.0) < LIKE_BIOLOID:
         plain = BIOLOID_WALK | {"g": g}

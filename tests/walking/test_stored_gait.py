@@ -1,4 +1,4 @@
-"""The gait in robots/humanoid is what the report beside it says, from which the README's table is written."""
+"""Stored gaits are what the reports beside them say, from which README and pages take their tables."""
 
 import json
 from dataclasses import replace
@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from featherstone_gait import load_robot
-from featherstone_gait.optimize import walking_cost
+from featherstone_gait.optimize import OptimizeOptions, walking_cost
+from featherstone_gait.optimize.planning import plan_first_gait
+from featherstone_gait.optimize.preparation import prepare
 from featherstone_gait.optimize.quality import FINER, TEST_SEED, TEST_STRIDES, TEST_WORLDS, measure_limits
 from featherstone_gait.walking.cost_in_worlds import CostInWorlds, in_worlds
 from featherstone_gait.walking.limits import Watch
@@ -70,3 +72,22 @@ def test_limits_are_those_of_the_report(cost, x):
     assert [one["name"] for one in found] == [one["name"] for one in reported]
     assert [one["value"] for one in found] == pytest.approx([one["value"] for one in reported], rel=1e-9)
     assert all(one["kept"] for one in found)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("servo", ["ax12", "ax12a"])
+def test_gaits_of_other_seeds_are_those_of_their_reports(servo, tmp_path):
+    names = ["seed_1", "seed_2"] if servo == "ax12" else ["ax12a_0", "ax12a_1", "ax12a_2"]
+    paths = [ROOT / "docs" / "reproduction" / f"gait_{name}.npz" for name in names]
+    reports = [json.loads(path.with_suffix(".json").read_text("utf-8")) for path in paths]
+    vectors = []
+    for path in paths:
+        with np.load(path) as data:
+            vectors.append(data["x"])
+    job = prepare("humanoid", OptimizeOptions(servo=servo, out=tmp_path, progress=False))
+    cost = plan_first_gait(job, reports[0]["settings"]["plan"]).cost
+    assert [one.cost for one in cost.measure(vectors)] == [report["after"]["cost"] for report in reports]
+    watch = Watch(cost.scene.model, cost.start[0])
+    for x, report in zip(vectors, reports):
+        found = {one["name"]: one["value"] for one in measure_limits(cost, x, watch)["limits"]}
+        assert found == pytest.approx({one["name"]: one["value"] for one in report["plausible"]["after"]["limits"]})
