@@ -117,6 +117,26 @@ def grounds() -> Iterable[Row]:
                 yield where | steady | end
 
 
+def across() -> Iterable[Row]:
+    """Walk on slopes across the way with feedback, as on level ground and leaning uphill; find the pushes survived."""
+    scene, walk = _balanced()
+    for degrees in (-3, -2, 2, 3):
+        roll = math.radians(degrees)
+        ground = Ground(slope=roll, heading=0.5 * math.pi)
+        for leans in (False, True):
+            played = walk.leaning(scene.model, roll) if leans else walk
+            far = [walk_far(scene, played, ground, seed=seed) for seed in range(4)]
+            walked = [one for one in far if one.walked]
+            heading = max((math.degrees(one.heading) for one in walked), default="")
+            impulse = pushes_survived(scene.recompiled(ground=ground), played, 4).mean() if abs(degrees) == 2 else ""
+            yield {
+                "left_side_higher_deg": degrees, "leans": "yes" if leans else "no",
+                "runs": len(far), "walk": len(walked), "least_strides": min(one.strides for one in far),
+                "heading_deg": heading, "J_per_m": float(np.mean([one.energy for one in walked])) if walked else "",
+                "impulse_N_s": impulse,
+            }  # fmt: skip
+
+
 def pushes() -> Iterable[Row]:
     """Find the impulses that the walk survives, without and with feedback."""
     directions = ("ahead", "45°", "left", "135°", "behind", "225°", "right", "315°")
@@ -157,7 +177,7 @@ def posture() -> Iterable[Row]:
 
 
 TABLES: dict[str, Callable[[], Iterable[Row]]] = {
-    each.__name__: each for each in (plans, previews, grounds, pushes, solver, arm, posture)
+    each.__name__: each for each in (plans, previews, grounds, across, pushes, solver, arm, posture)
 }
 
 

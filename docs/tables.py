@@ -59,7 +59,7 @@ def _gait(report: Record, key: str) -> Record:
     """Return what a report says of one gait, under names with dots."""
     limits = {limit["name"]: limit for limit in report["plausible"][key]["limits"]}
     kept = {"kept": sum(limit["kept"] for limit in limits.values()), "limits": len(limits)}
-    parts = {"elsewhere": report["elsewhere"][key], "settings": report["settings"]}
+    parts = {"elsewhere": report["elsewhere"][key], "settings": report["settings"], "search": report["search"]}
     parts["plans"] = {row["baseline"]: row for row in report.get("at_equal_speed", ())}
     found = _flat(kept | report[key] | parts | limits)
     if key == "after" and report.get("crosscheck"):

@@ -65,7 +65,9 @@ from .stance import soles_of
 ALONG = 0.9  # component of an axis along x or y from which the joint is one of roll or pitch
 LARGEST = 1e4  # gain
 MOST_DELAY = 0.2  # [s]
+MOST_ROLL = 0.3  # of the ground [rad]
 READ = ("base_q", "base_qd", "base_qdd", "q")  # channels that the controller reads
+LEAN_OF_HIPS, LEAN_OF_ANKLES = -1.5, 2.5  # roll over that of the ground: servos as soft as the AX-12 yield
 NOMINAL_STRIDES = 8  # over which the undisturbed motion is averaged, after two others
 
 
@@ -217,6 +219,35 @@ class BalancedWalk:
         memory[law.MEANS : law.BODY] = motion.stride[:, columns[:, 1]].mean(axis=0)
         played = np.concatenate([motion.start, motion.stride])
         return np.concatenate([memory, np.hstack([played, self.undisturbed]).ravel()])
+
+    def leaning(self, model: Model, roll: float) -> BalancedWalk:
+        """Return the gait for ground that is known to slope across the way: the legs lean uphill.
+
+        Parameters
+        ----------
+        model : Model
+            The robot.
+        roll : float
+            Angle of the ground about x [rad], > 0 where it rises to the left: ``Ground(slope=roll, heading=pi / 2)``.
+
+        Returns
+        -------
+        BalancedWalk
+            The gait with other references of the lateral joints, and with the same feedback.
+
+        Raises
+        ------
+        ValueError
+            For a robot without two legs whose hips and ankles have roll and pitch.
+        """
+        check_model(model)
+        roll = real("roll", roll, -MOST_ROLL, MOST_ROLL, "give radians")
+        columns, signs = legs_of(model)
+        offset = np.zeros(len(self.motion.joint_names))
+        offset[columns[:, 0]] = LEAN_OF_HIPS * roll * signs[:, 0]
+        offset[columns[:, -1]] = LEAN_OF_ANKLES * roll * signs[:, -1]
+        moved = {name: getattr(self.motion, name) + offset for name in ("start", "stride", "poses")}
+        return replace(self, motion=replace(self.motion, **moved))
 
     def reference(self, strides: int) -> Reference:
         """Return the reference of the start and `strides` strides, without feedback."""

@@ -41,7 +41,10 @@ def test_reports_are_kept_without_the_machine_and_the_candidates(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("plans", 1), ("previews", 5), ("grounds", 10), ("pushes", 1), ("solver", 2), ("arm", 3), ("posture", 2)],
+    [
+        ("plans", 1), ("previews", 5), ("grounds", 10), ("across", 2), ("pushes", 1), ("solver", 2), ("arm", 3),
+        ("posture", 2),
+    ],
 )
 def test_measured_again_the_first_rows_of_a_table_are_the_stored_ones(name, count):
     """Those that take a minute at most; `python docs/measure.py` measures all."""

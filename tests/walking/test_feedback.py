@@ -290,3 +290,16 @@ def test_bad_numbers_are_refused(walk, scene):
         feedback_of(np.zeros(len(fields(Feedback)) + 1))
     with pytest.raises(ValueError, match="height"):
         rough_field(-1.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("degrees", [-3.0, 3.0])
+def test_a_robot_that_leans_uphill_walks_across_a_slope(scene, degrees):
+    walk, roll = read_walk(BALANCED, scene.model.joint_names), math.radians(degrees)
+    ground = Ground(slope=roll, heading=0.5 * math.pi)
+    far = walk_far(scene, walk.leaning(scene.model, roll), ground)
+    assert far.walked
+    assert far.heading < math.radians(15.0)
+    assert walk.leaning(scene.model, 0.0).motion.digest() == walk.motion.digest()
+    if degrees < 0.0:  # downhill to the left the gait for level ground falls
+        assert not walk_far(scene, walk, ground, 5).walked
