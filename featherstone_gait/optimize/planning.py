@@ -14,7 +14,7 @@ from ..model import Ground, Model
 from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..scene.tree import GRAVITY
-from ..walking.cheapest_plan import SLOW, PlanKind, States, check_speed, first_gait, gentle_plan
+from ..walking.cheapest_plan import PlanKind, States, check_speed, first_gait, gentle_plan
 from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import CostInWorlds, in_worlds
 from ..walking.gait import mirror_of
@@ -134,24 +134,23 @@ def _seconds(start: Start, x: np.ndarray) -> float:
 def _other_plan(job: Job, plain: Start | None, failure: str) -> Start:
     """Return the first gait of another plan, where the plain one fails; print early what can be expected."""
     job.print(f"plain plan: {failure}; searching for the cheapest plan that walks")
-    gentle, options = None, job.options
+    options = job.options
     if (cost := _stored_plan(job)) is not None:
         return _start(job, "cheapest", cost)
     scene, states, walk = _scene(job.model, options.gearbox), _states(job), options.walk or {}
     check_speed(scene, states, **walk)
     try:
         found = gentle_plan(scene, states, **walk)
-        gentle = _start(job, "cheapest", found.cost)
-        job.print(f"a plan of slow steps walks, at {found.value:.1f} J/m in its worlds; trying others of that kind")
+        job.print(f"a plan of slow steps walks, at {found.value:.1f} J/m in its worlds")
+        return _start(job, "cheapest", found.cost)
     except ValueError as error:
         job.print(f"{error}. Other plans are tried all the same")
     try:
-        cheapest = plan_first_gait(job, "cheapest", **{"box": SLOW} if gentle else {})
+        return plan_first_gait(job, "cheapest")
     except ValueError as error:
-        if (fallen := gentle or plain) is None:  # the search starts from a gait that falls and may find one that walks
+        if plain is None:  # the search starts from a gait that falls and may find one that walks
             raise
-        return fallen._replace(unplanned=str(error))
-    return cheapest if gentle is None or cheapest.value <= gentle.value else gentle
+        return plain._replace(unplanned=str(error))
 
 
 def _check_strength(job: Job) -> None:
@@ -166,12 +165,13 @@ def _check_strength(job: Job) -> None:
     check_strength(job.model, plan)
 
 
-def plan_first_gait(job: Job, plan: PlanKind, **how: Any) -> Start:
-    """Plan a first gait and evaluate it, `how` as of `walking.first_gait`; raise ValueError if there is none."""
+def plan_first_gait(job: Job, plan: PlanKind) -> Start:
+    """Plan a first gait and evaluate it; raise ValueError if there is none."""
     options = job.options
     cost = _stored_plan(job) if plan == "cheapest" else None
-    how |= {"states": _states(job), "plan": plan, "progress": options.progress, **(options.walk or {})}
-    return _start(job, plan, cost or walking_cost(job.model, options.gearbox, **how))
+    return _start(job, plan, cost or walking_cost(
+        job.model, options.gearbox, states=_states(job), plan=plan, progress=options.progress, **(options.walk or {}),
+    ))  # fmt: skip
 
 
 def _start(job: Job, plan: PlanKind, cost: WalkingCost) -> Start:

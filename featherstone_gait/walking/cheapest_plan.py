@@ -156,7 +156,6 @@ def first_gait(
     plan: PlanKind = "cheapest",
     states: States = "step",
     *,
-    box: Box | None = None,
     searched: Searched | None = None,
     seed: int = 0,
     progress: bool = False,
@@ -173,7 +172,7 @@ def first_gait(
         similarity, at 20 ms; "cheapest" is the result of `cheapest_plan`.
     states : {"step", "stride"}
         Whether the four poses are those of a stride, or of a step that the other leg mirrors.
-    box, searched, seed, progress
+    searched, seed, progress
         As of `cheapest_plan`.
     **walk
         Settings of `WalkSettings` that are fixed.
@@ -193,8 +192,7 @@ def first_gait(
     one_of("plan", plan, get_args(PlanKind))
     one_of("states", states, get_args(States))
     if plan == "cheapest":
-        how: dict[str, Any] = {"box": box, "searched": searched, "seed": seed, "progress": progress}
-        return cheapest_plan(scene, states, **how, **walk).cost
+        return cheapest_plan(scene, states, searched=searched, seed=seed, progress=progress, **walk).cost
     model, g = scene.model, downward(scene.gravity)
     if abs(standing_posture(model)[0] / HEIGHT - 1.0) < LIKE_BIOLOID:
         plain = BIOLOID_WALK | {"g": g}
