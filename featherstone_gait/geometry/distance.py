@@ -138,8 +138,6 @@ def meeting_shapes(model: Model) -> Meeting:
 
 def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Compute the signed distance (pairs,) [m] of pairs (pairs, 2) of shapes in one posture q (nq,) [rad, m]."""
-    if not len(pairs):  # and nothing to compile
-        return np.zeros(0)
     shapes, poses, out = shape_table(model), _rows(forward_kinematics(model, q)), np.zeros(len(pairs))
     rotation, position = poses.rotation[0], poses.position[0]
     pair_distances(shapes, _room(shapes), np.array(pairs, np.int64).reshape(-1, 2), rotation, position, out)
