@@ -295,7 +295,7 @@ def pair_rows(model: Model, ground: Ground) -> Iterator[tuple[str, Work, Work, s
     high = ("head", *(f"{side}_{link}" for side in sides for link in ("shoulder_block", "upper_arm")))
     few = tuple((f"one/{foot}", f"one/{shoulder}") for foot in feet for shoulder in high)
     close = tuple((f"one/{side}_thigh", f"one/{side}_forearm") for side in sides)
-    close = (("one/left_foot", "one/right_foot"), *close)  # within a millimeter of each other as the humanoid stands
+    close = (("one/left_foot", "one/right_foot"), *close)  # closer than 1 mm while the humanoid stands
     scenes = [SceneModel("pairs", (alone,), pairs=pairs) for pairs in ("none", few, "all")]
     none, far, every, most = (
         partial(rollout, scene, "mipsd", ground) for scene in (*scenes, replace(scenes[2], excluded=close))

@@ -74,7 +74,8 @@ def kick_scene(robot: Any = "humanoid", gearbox: Any = None, mass: float = MASS)
     sides = zip(POSTS, (0.5 * WIDTH, -0.5 * WIDTH))
     posts = tuple(Placed(post, name, (GOAL, side, 0.5 * POST[2])) for name, side in sides)
     members = Placed(model, ROBOT), Placed(ball, position=(x, y))
-    pairs = PairContact(((ROBOT, BALL), *((BALL, name) for name in POSTS)), load=max(model.mass, ball.mass))
+    touching = (ROBOT, BALL), *((BALL, name) for name in POSTS)
+    pairs = PairContact(touching, load=max(model.mass, ball.mass))  # they never rest on one contact together
     scene = SceneModel("kick", members, posts, Ground())
     return compile_scene(scene, kind, integrator="midpoint", timestep=1e-3, pairs=pairs)
 

@@ -25,7 +25,7 @@ from .hull import Corners, corners_of, hull_indices, hull_volume
 from .mesh_size import check_dae, check_gltf, tag_of
 
 MAX_BYTES = 100_000_000  # of one file
-OPEN = 1e-4  # part of a mesh's area that its triangles may leave open, for its volume to be known
+OPEN = 1e-4  # largest open part of the area of a mesh whose volume is computed
 KINDS = (".stl", ".obj", ".dae", ".glb", ".gltf")
 WHITE = (255, 255, 255)
 COLORS = ("library_images", "library_effects", "library_materials", "bind_material")  # of a DAE
@@ -62,7 +62,7 @@ def mesh_hull(mesh: Mesh) -> np.ndarray:
 
 
 def hull_excess(mesh: Mesh) -> float:
-    """Return the volume of the convex hull of a mesh by that of the mesh; NaN where its triangles do not close.
+    """Return the ratio of the volumes of a mesh's convex hull and of the mesh; NaN for a mesh that is not closed.
 
     Raises as `mesh_hull`.
     """

@@ -26,7 +26,7 @@ class PairContact:
     select : str or tuple of (str, str)
         "all", or pairs of names: "name/link", or "name" for all links of a member or obstacle; "ground" is the ground.
     penetration : float
-        Depth to which bodies sink in where all of them rest on one pair [m]; fewer sink in less.
+        Depth of a contact that carries the weight of `load` [m]; a smaller weight sinks less.
     damping_ratio : float
         Damping ratio of small motions about rest; 1 is critical [-].
     friction : float
@@ -36,8 +36,8 @@ class PairContact:
     rolling_friction : float
         Coefficient of the moment that resists rolling [m]; 0 is none.
     load : float or None
-        Mass whose weight a pair carries at that depth [kg]; None: of all that may come to rest on it, which is all
-        robots and objects that can touch these two, directly or through others.
+        Mass that two bodies carry at that depth [kg].  None: the mass of all robots and objects that can touch these
+        two, directly or through others.
     max_points : int or None
         Points of all pairs that can be near each other at a time, of a pair all that it can touch at; None: 32, twice
         those of pairs that are near where all start, and for each free object those of three of its pairs.

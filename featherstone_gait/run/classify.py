@@ -121,7 +121,7 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
 
 
 def _crowded(scene: CompiledScene, y: np.ndarray) -> str:
-    """Return which link has the most points of the pool, for a sentence."""
+    """Return part of a sentence that names the link with the most points of the pool."""
     owners = y[slice(*scene.part("pair"))].astype(int)
     of_link = Counter(link for row in owners[owners > 0] - 1 for link in scene.pairs[row])
     link, count = max(of_link.items(), key=lambda item: item[1], default=("", 0))

@@ -52,7 +52,7 @@ LIGHTEST = 1e-300  # [kg]
 LEAST_POINTS = 32  # of the pool
 WIDE, UNDER = 100.0, 1.0  # of the treads of steps, how far they reach from the origin, and below the lowest one [m]
 NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
-TELLING = 1.05  # volume of a mesh's hull by its own, beyond which it is told
+NOTABLE_EXCESS = 1.05  # ratio of the volumes of a mesh's hull and of the mesh above which a note gives it
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
 EARTH = math.sqrt(sum(g * g for g in GRAVITY))  # in place of no gravity [m/s^2]
 
@@ -152,11 +152,11 @@ def build_pairs(
 
 
 def _concave(solids: Sequence[Solid]) -> Iterator[str]:
-    """Yield a note on each mesh whose convex hull is larger than itself, or may be, since its triangles leave gaps."""
+    """Yield a note on each mesh that is smaller than its convex hull, or whose volume is not known."""
     for solid in solids:
         mesh = getattr(solid.shape, "geometry", None)
-        if isinstance(mesh, Mesh) and not (excess := hull_excess(mesh)) <= TELLING:
-            known = f"which has {excess:.3g} times its volume" if excess > TELLING else "as it is not closed"
+        if isinstance(mesh, Mesh) and not (excess := hull_excess(mesh)) <= NOTABLE_EXCESS:
+            known = f"which has {excess:.3g} times its volume" if excess > NOTABLE_EXCESS else "as it is not closed"
             yield (
                 f"{solid.link}: the mesh {mesh.file} touches as its convex hull, {known}; where that matters, give the "
                 "link several convex shapes in its place"
@@ -423,9 +423,10 @@ def _friction(a: Solid, b: Solid, option: PairContact, ground: Ground | None) ->
 
 
 def _resting(table: np.recarray, tree: Tree, on_ground: np.ndarray) -> np.ndarray:
-    """Return the mass that may come to rest on each pair [kg]: of all trees that can touch each other.
+    """Return the mass (pairs,) that may come to rest on each pair [kg].
 
-    on_ground: (pairs,) where it is that of the tree alone.
+    It is the mass of the group of trees that can touch each other, directly or through others.  on_ground: (pairs,)
+    whether a pair is one with the ground, which bears each tree by its own mass.
     """
     mass, both = np.array(moving_masses(tree)), table.folded == 0
     meeting = coo_array((np.ones(both.sum()), (table.tree_a[both], table.tree_b[both])), shape=(len(mass), len(mass)))

@@ -119,7 +119,7 @@ def show_live(
 def _one_or_many(
     runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plots: Sequence[str], ghosts: bool
 ) -> tuple[bool, tuple[dict[str, Seen], str, list[str]]]:
-    """Return whether the robot is a scene of several members, drawn in one place, and what `_seen` does."""
+    """Return whether members of one scene are drawn together, and the runs by caption, the title and the plots."""
     together = isinstance(robot, CompiledScene) and bool(robot.members)
     if together and (captions or truth("ghosts", ghosts)):
         raise ValueError("captions, ghosts: members of a scene are drawn under their names; leave out both")

@@ -65,9 +65,9 @@ from .stance import soles_of
 ALONG = 0.9  # component of an axis along x or y from which the joint is one of roll or pitch
 LARGEST = 1e4  # gain
 MOST_DELAY = 0.2  # [s]
-MOST_ROLL = 0.3  # of the ground [rad]
+MOST_ROLL = 0.3  # largest roll of the ground [rad]
 READ = ("base_q", "base_qd", "base_qdd", "q")  # channels that the controller reads
-LEAN_OF_HIPS, LEAN_OF_ANKLES = -1.5, 2.5  # roll over that of the ground: servos as soft as the AX-12 yield
+LEAN_OF_HIPS, LEAN_OF_ANKLES = -1.5, 2.5  # roll by the ground's roll; above 1, since soft servos yield under the load
 NOMINAL_STRIDES = 8  # over which the undisturbed motion is averaged, after two others
 
 
