@@ -127,7 +127,7 @@ def _experiment(scene: CompiledScene, rtol: float | None) -> tuple[str, Callable
     from ..scene.contact import standing_height
 
     model, reference = scene.model, None
-    home = nearest_posture(model)[model.nq - len(model.joint_names) :]
+    home = nearest_posture(model)[model.base_positions :]
     if scene.ground is not None:
         q, where = _standing(model, home)
         q[2] = standing_height(model, scene.ground, q)

@@ -24,6 +24,7 @@ from ..core.effects.touch import FLATNESS
 from ..core.tree import batch
 from ..core.tree.layout import Motion, Robot
 from ..model import Model, Spring
+from ..model.degrees import ball_name, is_first
 from ..model.numpy_dynamics import Poses, what_is_loose
 from ..model.tree_checks import check_springs
 from ..scene.external import build_lifts
@@ -306,7 +307,7 @@ def energy(
     x, joints = _arguments(model, q=q)["q"], model.moving_joints
     stiffness = np.array([joint.stiffness for joint in joints])
     if stiffness.any():
-        stretch = x[:, model.nq - len(joints) :] - [joint.spring_reference for joint in joints]
+        stretch = _single(model, x) - [joint.spring_reference for joint in joints]
         out[:, 1] += (0.5 * stiffness * stretch**2).sum(axis=1)
     for link in model.links:
         if link.gravity_compensation:
@@ -603,8 +604,16 @@ def _check_positions(model: Model, q: np.ndarray) -> None:
             raise ValueError(
                 f"{model.name}: the base's quaternion q[3:7] is zero or beyond 1e6; [1, 0, 0, 0] is no rotation"
             )
-    for k, joint in enumerate(model.moving_joints, start=model.nq - len(model.moving_joints)):
-        if joint.type != "prismatic" and (np.abs(q[:, k]) > SINCOS_LIMIT).any():
+    for place, joint in zip(model.position_slices, model.moving_joints):
+        k = place.start
+        if is_first(joint):
+            largest = np.abs(q[:, place]).max(axis=1)
+            if not ((largest > 5e-7) & (largest < 1e6)).all():
+                raise ValueError(
+                    f"{model.name}: the quaternion of ball joint {ball_name(joint)}, q[{k}:{k + 4}], is zero or beyond "
+                    "1e6; [1, 0, 0, 0] is no rotation"
+                )
+        elif joint.type not in ("prismatic", "ball") and (np.abs(q[:, k]) > SINCOS_LIMIT).any():
             raise ValueError(
                 f"{model.name}: q: angle of {joint.name} is {q[np.abs(q[:, k]).argmax(), k]:g} rad; "
                 f"at most {SINCOS_LIMIT:.0f} rad: subtract whole turns"
@@ -635,8 +644,13 @@ def _spring_torque(model: Model, q: np.ndarray, stiffness: ArrayLike | None) -> 
     if not K.any():
         return None
     force = np.zeros((len(q), model.nv))
-    force[:, model.nv - len(joints) :] = K * ([j.spring_reference for j in joints] - q[:, model.nq - len(joints) :])
+    force[:, model.nv - len(joints) :] = K * ([j.spring_reference for j in joints] - _single(model, q))
     return force
+
+
+def _single(model: Model, q: np.ndarray) -> np.ndarray:
+    """Return the positions of the degrees (n, joints) in q (n, nq), 0 of ball joints."""
+    return compile_tree(model).split_positions(q[:, model.base_positions :])[0]
 
 
 def _still(tree: Tree, q: np.ndarray) -> Motion:
@@ -645,9 +659,11 @@ def _still(tree: Tree, q: np.ndarray) -> Motion:
 
 
 def _motion(tree: Tree, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray | None = None) -> Motion:
-    (base_q, joints), (base_qd, rates) = _split(tree, q), _split(tree, qd)
+    (base_qd, rates), first = _split(tree, qd), 7 if tree.floating else 0
+    base_q, (joints, ball_q) = np.array(q[:, :first], order="C"), tree.split_positions(q[:, first:])
     base_qdd, accelerations = (None, None) if qdd is None else _split(tree, qdd)
-    return Motion(base_q, base_qd, base_qdd, joints, rates, accelerations)
+    joints = np.array(joints, order="C")
+    return Motion(base_q if first else None, base_qd, base_qdd, joints, rates, accelerations, ball_q)
 
 
 def _solve(

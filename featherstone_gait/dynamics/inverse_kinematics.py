@@ -25,6 +25,7 @@ from ..base.fixed_order import applied, product, solve, total
 from ..base.rotation import cross, dot, rotation_from_rpy
 from ..core.compile.elementary import NEAR
 from ..model import Joint, Model
+from ..model.numpy_dynamics import zero_position
 from .algorithms import Poses, check_model, forward_kinematics
 from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, point_at
 
@@ -215,7 +216,9 @@ class _Freedom(NamedTuple):
     upper: np.ndarray  # (k,)
     turns: np.ndarray  # (k,) whether it is an angle
     followers: list[_Coupling]
-    shift: int  # from a joint's column to its place in q
+    place: np.ndarray  # (nv,) where a joint's column has its number in q; -1 of the base and of ball joints
+    balls: list[tuple[int, int]]  # first column, and place in q, of ball joints of which a degree may move
+    base: bool  # whether the base may move
 
 
 class _Task(NamedTuple):
@@ -281,20 +284,23 @@ def _damped_step(J: np.ndarray, e: np.ndarray, damping: float, turns: np.ndarray
 
 def _moved(task: _Task, q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Take a step (k,) that ends at the limits, followers included; return the positions and the step taken."""
-    free, shift, new = task.free, task.free.shift, q.copy()
+    free, place, new = task.free, task.free.place, q.copy()
     z = _coordinates(task, q)
     end = np.clip(z + step, free.lower, free.upper)
-    new[free.columns[free.joint] + shift] = end[free.joint]
-    if not free.joint.all():
+    new[place[free.columns[free.joint]]] = end[free.joint]
+    if free.base:
         new[:3], new[3:7] = q[:3] + step[:3], _turned(q[3:7], step[3:6])
+    for column, at in free.balls:
+        turn = [step[free.columns == column + k].sum() for k in range(3)]
+        new[at : at + 4] = _turned(q[at : at + 4], np.array(turn))
     for c in free.followers:
-        new[c.follower + shift] = c.multiplier * new[c.leader + shift] + c.offset
+        new[place[c.follower]] = c.multiplier * new[place[c.leader]] + c.offset
     return new, end - z
 
 
 def _coordinates(task: _Task, q: np.ndarray) -> np.ndarray:
     """Return the positions (k,) of the joints that may move; those of the base count from where it is."""
-    return np.where(task.free.joint, q[task.free.columns + task.free.shift], 0.0)
+    return np.where(task.free.joint, q[task.free.place[task.free.columns]], 0.0)
 
 
 def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
@@ -362,8 +368,10 @@ def _start(task: _Task, q0: ArrayLike | None) -> np.ndarray:
     """Return positions (nq,) to start from, within the limits, with a base quaternion of length 1."""
     model = task.model
     if q0 is None:
-        base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
-        q0 = [*base, *map(_middle, model.moving_joints)]
+        q0 = zero_position(model)
+        for place, joint in zip(model.position_slices, model.moving_joints):
+            if joint.type != "ball":
+                q0[place] = _middle(joint)
     q = np.array(finite(f"{model.name}: q0", q0, (model.nq,)))
     forward_kinematics(model, q)  # checks the numbers
     if model.base == "floating":
@@ -383,7 +391,8 @@ def _anywhere(task: _Task, start: np.ndarray, rng: np.random.Generator) -> np.nd
     reach = np.where(free.turns, math.pi, 1.0)
     lower = np.where(np.isfinite(free.lower), free.lower, z - reach)
     upper = np.where(np.isfinite(free.upper), free.upper, z + reach)
-    return _moved(task, start, np.where(free.joint, rng.uniform(lower, upper) - z, 0.0))[0]
+    of_joints = np.arange(len(z)) >= (6 if free.base else 0)
+    return _moved(task, start, np.where(of_joints, rng.uniform(lower, upper) - z, 0.0))[0]
 
 
 def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Freedom:
@@ -401,14 +410,20 @@ def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Fr
     if not base and not free:
         raise ValueError(f"{model.name}: nothing may move; name joints that may, or let the base")
     ranges = [_range(model, k, couplings) for k in free]
+    place = np.full(model.nv, -1)
+    for k, (joint, at) in enumerate(zip(model.moving_joints, model.position_slices), start=first):
+        place[k] = -1 if joint.type == "ball" else at.start
+    balls = [(first + k, model.position_slices[k].start) for k in model.balls if {k, k + 1, k + 2} & set(free)]
     return _Freedom(
         columns=np.array([*base, *(first + k for k in free)], dtype=int),
-        joint=np.array([False] * len(base) + [True] * len(free), dtype=bool),
+        joint=np.array([False] * len(base) + [place[first + k] >= 0 for k in free], dtype=bool),
         lower=np.array([-math.inf] * len(base) + [lower for lower, _ in ranges]),
         upper=np.array([math.inf] * len(base) + [upper for _, upper in ranges]),
         turns=np.array([k >= 3 for k in base] + [model.moving_joints[k].type != "prismatic" for k in free], dtype=bool),
         followers=[c._replace(follower=first + c.follower, leader=first + c.leader) for c in couplings],
-        shift=model.nq - model.nv,
+        place=place,
+        balls=balls,
+        base=bool(base),
     )
 
 

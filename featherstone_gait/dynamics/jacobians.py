@@ -17,8 +17,10 @@ from numpy.typing import ArrayLike
 from ..base.arguments import shown, vector
 from ..base.fixed_order import applied, product, total
 from ..base.flaws import quoted
-from ..base.rotation import cross
-from ..model import Model, depth_first
+from ..base.rotation import cross, rotation_from_rpy
+from ..model import Joint, Model
+from ..model.links import COMPOSITE
+from ..model.rigid_bodies import depth_first_joints
 from .algorithms import Poses, check_model, forward_kinematics
 
 link_index = Model.link_index
@@ -28,8 +30,10 @@ class Chains(NamedTuple):
     """The joints that move each link, and their axes."""
 
     children: list[int]  # of each moving joint: the row of its child link, whose frame sits at the joint
-    axes: np.ndarray  # (n, 3) in the child's frame
+    carriers: list[int]  # row of the link in whose frame the axis stays: the child, or the parent
+    axes: np.ndarray  # (n, 3) in that frame
     slides: np.ndarray  # (n, 1) whether the joint is prismatic
+    pitches: np.ndarray  # (n, 1) of screw joints, else 0 [m/rad]
     moves: np.ndarray  # (links, n) 1 where the joint moves the link, else 0
     root: int | None  # row of the floating base's link; None where the base is fixed
     share: np.ndarray  # (links,) of the robot's mass
@@ -105,7 +109,7 @@ def jacobian_at(model: Model, poses: Poses, link: str, point: ArrayLike = (0.0, 
     where, axes = point_at(poses, row, point), joint_axes(model, poses)
     lever = where[..., None, :] - poses.position[..., chains.children, :]
     turn = np.where(chains.slides, 0.0, axes)
-    move = np.where(chains.slides, axes, _cross(axes, lever))
+    move = np.where(chains.slides, axes, _cross(axes, lever) + chains.pitches * axes)
     columns = np.concatenate([turn, move], axis=-1) * chains.moves[row][:, None]
     if chains.root is not None:
         columns = np.concatenate([_base_columns(poses, chains.root, where), columns], axis=-2)
@@ -117,7 +121,8 @@ def center_of_mass_jacobian_at(model: Model, poses: Poses) -> np.ndarray:
     chains, centers, axes = chains_of(model), link_centers(model, poses), joint_axes(model, poses)
     behind = (chains.moves * chains.share[:, None]).T  # (n, links) of the mass that a joint moves
     lever = product(behind, centers) - total(behind)[:, None] * poses.position[..., chains.children, :]
-    columns = np.where(chains.slides, axes * total(behind)[:, None], _cross(axes, lever))
+    along = axes * total(behind)[:, None]
+    columns = np.where(chains.slides, along, _cross(axes, lever) + chains.pitches * along)
     if chains.root is not None:
         center = center_of_mass_at(model, poses)
         columns = np.concatenate([_base_columns(poses, chains.root, center)[..., 3:], columns], axis=-2)
@@ -141,9 +146,11 @@ def chains_of(model: Model) -> Chains:
     joints = model.moving_joints
     mass = np.array([link.mass for link in model.links])
     return Chains(
-        children=[model.link_index(joint.child) for joint in joints],
-        axes=np.reshape([joint.axis for joint in joints], (-1, 3)),
+        children=[model.link_index(_ends(model, joint)[1]) for joint in joints],
+        carriers=[model.link_index(link) for link, _ in map(functools.partial(_axis_of, model), joints)],
+        axes=np.reshape([axis for _, axis in map(functools.partial(_axis_of, model), joints)], (-1, 3)),
         slides=np.array([[joint.type == "prismatic"] for joint in joints], dtype=bool).reshape(-1, 1),
+        pitches=np.array([[joint.pitch] for joint in joints], dtype=float).reshape(-1, 1),
         moves=_moves(model),
         root=model.link_index(model.root) if model.base == "floating" else None,
         share=mass / (total(mass) or 1.0),  # frames alone have none
@@ -154,11 +161,31 @@ def _moves(model: Model) -> np.ndarray:
     """Return (links, n) 1 where the moving joint lies between root and link, else 0."""
     rows, columns = model.link_rows, model.joint_rows
     moves = np.zeros((len(rows), len(columns)))
-    for joint in depth_first(model):
-        moves[rows[joint.child]] = moves[rows[joint.parent]]
+    of_link = {model.root: moves[rows[model.root]]}
+    for joint in depth_first_joints(model.root, model.degrees.joints):
+        of_link[joint.child] = of_link[joint.parent].copy()
         if joint.name in columns:
-            moves[rows[joint.child], columns[joint.name]] = 1.0
+            of_link[joint.child][columns[joint.name]] = 1.0
+    for name, row in rows.items():
+        moves[row] = of_link[name]
     return moves
+
+
+def _ends(model: Model, joint: Joint) -> tuple[str, str]:
+    """Return the links that the joint connects of which a degree is one."""
+    child = joint.child
+    while child not in model.link_rows:  # a link without mass between the degrees of a joint
+        child = model.degrees.after[child]
+    return next((one.parent, one.child) for one in model.joints if one.child == child)
+
+
+def _axis_of(model: Model, joint: Joint) -> tuple[str, tuple[float, ...]]:
+    """Return the link in whose frame a degree's axis stays, and the axis (3,) there."""
+    parent, child = _ends(model, joint)
+    whole = model.joint(next(one.name for one in model.joints if one.child == child))
+    if whole.type in COMPOSITE and joint.child != child and joint.type != "ball":
+        return parent, tuple(applied(rotation_from_rpy(whole.rpy), np.array(joint.axis)).tolist())
+    return child, joint.axis
 
 
 def _base_columns(poses: Poses, root: int, where: np.ndarray) -> np.ndarray:
@@ -184,4 +211,4 @@ def link_centers(model: Model, poses: Poses) -> np.ndarray:
 def joint_axes(model: Model, poses: Poses) -> np.ndarray:
     """Return the moving joints' axes in the world (..., n, 3): a link turns about its joint's axis, which stays."""
     chains = chains_of(model)
-    return applied(poses.rotation[..., chains.children, :, :], chains.axes)
+    return applied(poses.rotation[..., chains.carriers, :, :], chains.axes)

@@ -26,6 +26,7 @@ class Bodies(NamedTuple):
     E: np.ndarray  # (rows, 3, 3) rotation body -> parent, the joint at zero; its axis is the body's z
     r: np.ndarray  # (rows, 3) origin in the parent [m]
     prismatic: list[bool]
+    pitch: np.ndarray  # (rows,) of screw joints, else 0 [m/rad]
     armature: np.ndarray  # (rows,) [kg m^2 or kg]
     mass: np.ndarray  # (rows,) [kg]
     center: np.ndarray  # (rows, 3) center of mass [m]
@@ -64,13 +65,15 @@ def mass_matrix(
             force, size[k + 5] = m[k] * axis, m[k]
             moment = cross(arm, force)
         else:
-            force, size[k + 5] = m[k] * cross(axis, arm), np.abs(J[k]).sum() + m[k] * dot(arm, arm)
+            force = m[k] * (cross(axis, arm) + bodies.pitch[k] * axis)
+            size[k + 5] = np.abs(J[k]).sum() + m[k] * (dot(arm, arm) + bodies.pitch[k] ** 2)
             moment = applied(J[k], axis) + cross(arm, force)
         H[k + 5, :3] = force
         H[k + 5, 3:6] = moment + cross(o[k] - o[0], force)
         path = _path(bodies.parent, k)
         about = moment + cross((o[k] - o[path]).T, force).T
-        H[k + 5, np.array(path) + 5] = total(E[path][:, :, 2] * np.where(slides[path, None], force, about))
+        along = about + bodies.pitch[path, None] * force
+        H[k + 5, np.array(path) + 5] = total(E[path][:, :, 2] * np.where(slides[path, None], force, along))
         H[: k + 5, k + 5] = H[k + 5, : k + 5]
         H[k + 5, k + 5] += bodies.armature[k]
         size[k + 5] += bodies.armature[k]
@@ -111,6 +114,7 @@ def frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if bodies.prismatic[k]:
             o[k] += E[k][:, 2] * q[k]
         else:
+            o[k] += E[k][:, 2] * (bodies.pitch[k] * q[k])
             E[k] = product(E[k], rotation_about((0.0, 0.0, 1.0), math.remainder(q[k], math.tau)))
     return E, o
 

@@ -21,7 +21,10 @@ from .checks import (
     vector_flaws,
 )
 
-JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
+JointType = Literal[
+    "revolute", "continuous", "prismatic", "fixed", "screw", "ball", "universal", "cylindrical", "planar", "free"
+]
+COMPOSITE = ("ball", "universal", "cylindrical", "planar", "free")  # joints of several degrees of freedom
 Vector = tuple[float, float, float]
 
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
@@ -106,8 +109,9 @@ class Joint:
     ----------
     name : str
         Name, unique among the joints of a robot.
-    type : {"revolute", "continuous", "prismatic", "fixed"}
-        Kind of motion.
+    type : {"revolute", "continuous", "prismatic", "fixed", "screw", "ball", "universal", "cylindrical", "planar", ...}
+        Kind of motion; the last is "free".  From "ball" on they have several degrees of freedom, which
+        `Model.moving_joints` lists one by one.
     parent, child : str
         Names of the links.
     xyz : tuple of float
@@ -115,7 +119,8 @@ class Joint:
     rpy : tuple of float
         Orientation of the child frame there: roll, pitch and yaw about fixed axes [rad].
     axis : tuple of float
-        Axis of motion in the child frame, of unit length unless the joint is fixed.
+        Axis of motion in the child frame, of unit length unless the joint is fixed; of a planar joint the normal of the
+        plane.  Ball and free joints have none.
     lower, upper : float
         Limits of the position [rad or m].
     effort, velocity : float
@@ -128,6 +133,10 @@ class Joint:
         Stiffness of a spring at the joint [N m/rad or N/m], and the position at which it is slack [rad or m].
     mimic : Mimic or None
         Coupling to another joint.
+    pitch : float
+        How far a screw joint slides along its axis as it turns [m/rad].
+    axis2 : tuple of float or None
+        Second axis of a universal joint, in the child frame; None for one across the first.
 
     Raises
     ------
@@ -152,12 +161,16 @@ class Joint:
     mimic: Mimic | None = None
     stiffness: float = quantity(">= 0", "SI", 0.0, "0 is no spring")
     spring_reference: float = quantity("finite", "rad or m", 0.0, "it is the position at which the spring is slack")
+    pitch: float = quantity("finite", "m/rad", 0.0, "only a screw joint has one")
+    axis2: Vector | None = None
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         refuse(f"joint {self.name!r}", self._flaws(f"joint {self.name!r}"))
         freeze(self, "xyz", "rpy", "axis")
+        if self.axis2 is not None:
+            freeze(self, "axis2")
 
     def _flaws(self, what: str) -> Iterator[str]:
         yield from name_flaws("joint", self.name)
@@ -174,9 +187,14 @@ class Joint:
         turned = list(vector_flaws(what, "rpy", self.rpy, 3))
         yield from turned or angle_flaws(what, "rpy", self.rpy)
         yield from vector_flaws(what, "axis", self.axis, 3)
+        yield from self._flaws_of_several(what)
         if not isinstance(self.type, str) or self.type == "fixed":
             return
-        if not any(vector_flaws(what, "axis", self.axis, 3)) and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
+        if (
+            self.type not in ("ball", "free")
+            and not any(vector_flaws(what, "axis", self.axis, 3))
+            and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE
+        ):
             yield f"{what}: axis {self.axis!r} is not of unit length; divide it by its length"
         if not (is_real(self.lower) and is_real(self.upper)):
             yield f"{what}: limits lower {shown(self.lower)}, upper {shown(self.upper)}; expected numbers: correct them"
@@ -185,6 +203,33 @@ class Joint:
         if self.type == "continuous" and (self.lower, self.upper) != (-math.inf, math.inf):
             yield f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
         yield from quantity_flaws(what, self)
+
+    def _flaws_of_several(self, what: str) -> Iterator[str]:
+        """Find what a joint of several degrees of freedom, or one of one, cannot have."""
+        if self.axis2 is not None:
+            if self.type != "universal":
+                yield f"{what}: axis2 is {shown(self.axis2)}; only a universal joint has one: leave it out"
+            wrong = [*vector_flaws(what, "axis2", self.axis2, 3)]
+            yield from wrong
+            if not wrong and abs(math.hypot(*self.axis2) - 1.0) > AXIS_TOLERANCE:
+                yield f"{what}: axis2 {self.axis2!r} is not of unit length; divide it by its length"
+            elif not wrong and not any(vector_flaws(what, "axis", self.axis, 3)):
+                across = sum(a * b for a, b in zip(self.axis, self.axis2))
+                if abs(across) > 1.0 - AXIS_TOLERANCE:
+                    yield f"{what}: axis and axis2 are parallel; give two axes of different direction"
+        if self.pitch != 0.0 and self.type != "screw":
+            yield f"{what}: pitch is {shown(self.pitch)}; only a screw joint has one: use type 'screw', or 0"
+        if self.type not in COMPOSITE:
+            return
+        if (self.lower, self.upper) != (-math.inf, math.inf):
+            yield (
+                f"{what}: type {self.type!r} has limits {shown(self.lower)} to {shown(self.upper)}; expected none: "
+                "make it of joints of one degree of freedom to limit these"
+            )
+        if self.mimic is not None:
+            yield f"{what}: type {self.type!r} follows a joint; only joints of one degree of freedom do: remove mimic"
+        if self.stiffness != 0.0:
+            yield f"{what}: type {self.type!r} has stiffness {shown(self.stiffness)}; expected 0: remove the spring"
 
 
 @dataclass(frozen=True)

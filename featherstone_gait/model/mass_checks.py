@@ -112,6 +112,7 @@ def rows_of(bodies: list[RigidBody]) -> Bodies:
         np.array([body.frame.E for body in bodies]),
         np.array([body.frame.r for body in bodies]),
         [joint is not None and joint.type == "prismatic" for joint in joints],
+        np.array([joint.pitch if joint else 0.0 for joint in joints]),
         np.array([joint.armature if joint else 0.0 for joint in joints]),
         np.array([body.mass for body in bodies]),
         np.array([body.center for body in bodies]),
@@ -119,9 +120,8 @@ def rows_of(bodies: list[RigidBody]) -> Bodies:
     )
 
 
-def by_body(bodies: list[RigidBody], rows: Mapping[str, int], q: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Return the joint position (rows,) of each body, 0 for the root's; rows: `Model.joint_rows`, q: (nq,)."""
-    joints = list(q)[len(q) - len(rows) :]
+def by_body(bodies: list[RigidBody], rows: Mapping[str, int], joints: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Return the joint position (rows,) of each body, 0 for the root's; rows: `Model.joint_rows`, joints: (n,)."""
     return np.array([joints[rows[body.frame.joint.name]] if body.frame.joint else 0.0 for body in bodies])
 
 

@@ -14,6 +14,7 @@ from ..base.brief import brief
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_quaternion
 from .composite import TOLERANCE, Bodies, composites, frames, mass_matrix
+from .degrees import is_first, turned_frame
 from .mass_checks import by_body, flaws_at, postures, resisting, rows_of
 from .robot import Model, rigid_bodies
 
@@ -39,7 +40,7 @@ class Poses(NamedTuple):
 def link_poses(model: Model, q: np.ndarray) -> Poses:
     """Compute the pose of every link, in the order of `model.links`; q: (nq,)."""
     placements = rigid_bodies(model)[1]
-    E, o = _frames(rows_of(rigid_bodies(model)[0]), _positions(model, q))
+    E, o = _frames(_turned(model, q), _positions(model, q))
     places = [placements[link.name] for link in model.links]
     at = [place.row for place in places]
     rotation = product(E[at], np.array([place.E for place in places]))
@@ -52,7 +53,7 @@ def link_poses(model: Model, q: np.ndarray) -> Poses:
 
 def mass_center(model: Model, q: np.ndarray) -> np.ndarray:
     """Compute the center of mass (3,) in the world [m], a fixed base included; q: (nq,)."""
-    center = _composites(model.skeleton, _positions(model, q).tobytes())[3][0]
+    center = _composites(model.skeleton, _joints(model, q))[3][0]
     if model.base == "fixed":
         return center
     return np.array(q[:3]) + applied(rotation_from_quaternion(q[3:7]), center)
@@ -60,9 +61,9 @@ def mass_center(model: Model, q: np.ndarray) -> np.ndarray:
 
 def mass_matrix_at(model: Model, q: np.ndarray, armature: np.ndarray | None) -> np.ndarray:
     """Compute the mass matrix (nv, nv) at q (nq,), its base not turned; armature: (joints,) [kg m^2 or kg] or None."""
-    bodies, order, at = rows_of(rigid_bodies(model)[0]), _coordinates(model), _positions(model, q)
+    bodies, order, at = _turned(model, q), _coordinates(model), _positions(model, q)
     bodies = bodies._replace(armature=_rotors(model, armature))
-    H = mass_matrix(bodies, at, _composites(model.skeleton, at.tobytes()))[0]
+    H = mass_matrix(bodies, at, _composites(model.skeleton, _joints(model, q)))[0]
     base = list(range(6)) if model.base == "floating" else []
     rows = base + [6 + int(row) for row in np.argsort(order, kind="stable")]
     return H[np.ix_(rows, rows)]
@@ -70,16 +71,42 @@ def mass_matrix_at(model: Model, q: np.ndarray, armature: np.ndarray | None) -> 
 
 def regular_posture(model: Model) -> np.ndarray:
     """Return a posture q (nq,) in which the mass matrix is regular: zero, if it is."""
-    q = np.zeros(model.nq)
-    if model.base == "floating":
-        q[3] = 1.0
+    q = zero_position(model)
     bodies, floating = rigid_bodies(model)[0], model.base == "floating"
     if resisting(bodies, floating):
         return q
     keyframes = (_positions(model, np.array(one)) for one in model.keyframes.values())
     tried = (_positions(model, q), *postures(bodies, model.couplings, keyframes))
     at = next((at for at in tried if not flaws_at(bodies, floating, at)[0]), tried[0])
-    q[model.nq - len(model.joint_names) :] = at[1:][np.argsort(_coordinates(model), kind="stable")]
+    joints = at[1:][np.argsort(_coordinates(model), kind="stable")]
+    for place, joint, position in zip(model.position_slices, model.moving_joints, joints):
+        if joint.type != "ball":
+            q[place] = position
+    return q
+
+
+def zero_position(model: Model) -> np.ndarray:
+    """Return q (nq,) with all joints at zero, and quaternions that do not turn."""
+    q = np.zeros(model.nq)
+    if model.base == "floating":
+        q[3] = 1.0
+    for ball in model.balls:
+        q[model.position_slices[ball].start] = 1.0
+    return q
+
+
+def with_quaternions(model: Model, joints: np.ndarray, ball_q: np.ndarray) -> np.ndarray:
+    """Return the joints' part of q (..., nq - base) from numbers (..., n) of degrees and ball_q (..., 4 balls)."""
+    if not model.balls:
+        return joints
+    q = np.empty((*joints.shape[:-1], model.nq - model.base_positions))
+    for k, place in enumerate(model.position_slices):
+        at = slice(place.start - model.base_positions, place.stop - model.base_positions)
+        if at.stop == at.start + 1:
+            q[..., at] = joints[..., k : k + 1]
+        elif at.stop > at.start:
+            ball = 4 * model.balls.index(k)
+            q[..., at] = ball_q[..., ball : ball + 4]
     return q
 
 
@@ -104,26 +131,33 @@ def _rotors(model: Model, armature: np.ndarray | None) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=8)
-def _composites(model: Model, q: bytes) -> tuple[np.ndarray, ...]:
+def _composites(model: Model, joints: bytes) -> tuple[np.ndarray, ...]:
     """Cache `frames` and `composites` of a posture; not to be changed."""
-    bodies = rows_of(rigid_bodies(model)[0])
-    E, o = _frames(bodies, np.frombuffer(q))
+    q = np.concatenate([np.zeros(model.base_positions), np.frombuffer(joints)])
+    bodies = _turned(model, q)
+    E, o = _frames(bodies, _positions(model, q))
     return E, o, *composites(bodies, E, o)
 
 
 def _frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compute `frames` once for robots that differ in their masses alone; not to be changed."""
-    places = tuple(bodies.parent), tuple(bodies.prismatic), bodies.E.tobytes(), bodies.r.tobytes()
+    places = (
+        tuple(bodies.parent),
+        tuple(bodies.prismatic),
+        tuple(bodies.pitch.tolist()),
+        bodies.E.tobytes(),
+        bodies.r.tobytes(),
+    )
     return _known_frames(*places, q.tobytes())
 
 
 @functools.lru_cache(maxsize=8)
 def _known_frames(
-    parent: tuple[int, ...], slides: tuple[bool, ...], E: bytes, r: bytes, q: bytes
+    parent: tuple[int, ...], slides: tuple[bool, ...], pitch: tuple[float, ...], E: bytes, r: bytes, q: bytes
 ) -> tuple[np.ndarray, np.ndarray]:
     n, none = len(parent), np.zeros(0)
     rotation, origin = np.frombuffer(E).reshape(n, 3, 3), np.frombuffer(r).reshape(n, 3)
-    bodies = Bodies(list(parent), rotation, origin, list(slides), none, none, none, none)
+    bodies = Bodies(list(parent), rotation, origin, list(slides), np.array(pitch), none, none, none, none)
     return frames(bodies, np.frombuffer(q))
 
 
@@ -133,4 +167,22 @@ def _coordinates(model: Model) -> list[int]:
 
 
 def _positions(model: Model, q: np.ndarray) -> np.ndarray:
-    return by_body(rigid_bodies(model)[0], model.joint_rows, q)
+    return by_body(rigid_bodies(model)[0], model.joint_rows, model.single_positions(q))
+
+
+def _joints(model: Model, q: np.ndarray) -> bytes:
+    return np.array(q[model.base_positions :], dtype=float).tobytes()
+
+
+def _turned(model: Model, q: np.ndarray) -> Bodies:
+    """Return the bodies, with the quaternions of ball joints in their frames."""
+    bodies = rigid_bodies(model)[0]
+    rows = rows_of(bodies)
+    if model.balls:
+        E = rows.E.copy()
+        for k, body in enumerate(bodies):
+            if body.frame.joint is not None and is_first(body.frame.joint):
+                place = model.position_slices[model.joint_rows[body.frame.joint.name]]
+                E[k] = turned_frame(E[k], q[place])
+        rows = rows._replace(E=E)
+    return rows

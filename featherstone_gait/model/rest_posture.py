@@ -9,6 +9,7 @@ import numpy as np
 
 from ..base.arguments import instance
 from .links import Joint, leader_of
+from .numpy_dynamics import zero_position
 from .robot import Model
 
 ROUNDING = 1e-12  # of a position [rad or m]
@@ -37,9 +38,11 @@ def nearest_posture(model: Model) -> np.ndarray:
         Positions q (nq,) [m, -, rad or m]; a floating base is at the origin and upright.
     """
     instance("model", model, Model, "give what load_robot returns")
-    at = nearest_positions(model.joints, model.locked)
-    base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
-    return np.array([*base, *(at[name] for name in model.joint_names)])
+    at, q = nearest_positions(model.degrees.joints, model.locked), zero_position(model)
+    for place, joint in zip(model.position_slices, model.moving_joints):
+        if joint.type != "ball":
+            q[place] = at[joint.name]
+    return q
 
 
 def nearest_positions(joints: Iterable[Joint], locked: Mapping[str, float] | None = None) -> dict[str, float]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_about, rotation_from_rpy, rotation_z_to
+from .degrees import TO_AXIS
 from .links import Joint, Link
 
 
@@ -94,7 +95,7 @@ def lay_out(
         row, E, r = placements[joint.parent]
         E, r = product(E, rotation_from_rpy(joint.rpy)), r + applied(E, np.array(joint.xyz))
         if joint.name in moving:
-            Q = rotation_z_to(joint.axis)
+            Q = TO_AXIS[joint.axis] if joint.type == "ball" else rotation_z_to(joint.axis)
             placements[joint.child] = Placement(len(frames), Q.T, np.zeros(3))
             frames.append(Frame(joint, row, product(E, Q), r))
         else:
@@ -108,6 +109,8 @@ def held_frame(joint: Joint, position: float, E: np.ndarray, r: np.ndarray) -> t
         return E, r
     if joint.type == "prismatic":
         return E, r + applied(E, position * np.array(joint.axis))
+    if joint.pitch:
+        r = r + applied(E, joint.pitch * position * np.array(joint.axis))
     return product(E, rotation_about(joint.axis, position)), r
 
 

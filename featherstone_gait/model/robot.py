@@ -18,11 +18,14 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
 
+import numpy as np
+
 from ..base.arguments import instance, listed, shown, texts
 from ..base.brief import clipped
 from ..base.deprecated import method
 from ..base.flaws import FlawError, quoted
 from .checks import check, choice_flaws, name_flaws, vector_flaws
+from .degrees import Degrees, degrees_of, widths
 from .ground import ContactPoint
 from .links import Joint, Link, leader_of
 from .mass_checks import by_body, indefinite_flaws
@@ -106,9 +109,10 @@ class Model:
         check(name_flaws("robot", self.name), choice_flaws(what, "base", self.base, ("fixed", "floating")))
         self._freeze(what)
         check_tree(self.links, self.joints)
-        check_locked(self.joints, self.locked)
-        check_mimics(self.joints)
-        check_servos(self.joints, self.servos)
+        check_tree(self.links + self.degrees.between, self.degrees.joints)
+        check_locked(self.degrees.joints, self.locked)
+        check_mimics(self.degrees.joints)
+        check_servos(self.degrees.joints, self.servos)
         for name, servo in self.servos.items():
             instance(f"servos: that of joint {name!r}", servo, Servo, "give a Servo, as load_servo does")
         if self.supply is not None:
@@ -142,7 +146,7 @@ class Model:
     def _check_mass_matrix(self) -> None:
         """Raise FlawError, a ValueError, unless the mass matrix is positive definite in some posture."""
         bodies, floating = self._merged[0], self.base == "floating"
-        keyframes = (by_body(bodies, self.joint_rows, q) for q in self.keyframes.values())
+        keyframes = (by_body(bodies, self.joint_rows, self.single_positions(q)) for q in self.keyframes.values())
         flaws = indefinite_flaws(self.name, bodies, floating, lambda: self.couplings, keyframes)
         if flaws:
             raise FlawError(flaws)
@@ -190,7 +194,7 @@ class Model:
             made.__dict__["skeleton"] = self.skeleton
         else:
             made.__dict__.update(links=tuple(links or self.links), joints=tuple(joints or self.joints))
-            check_locked(made.joints, made.locked)
+            check_locked(made.degrees.joints, made.locked)
             check_can_move(made.joints, made.held)
             made.__dict__["_laid_out"] = self._laid_out
             made._check_mass_matrix()
@@ -203,11 +207,11 @@ class Model:
 
     @cached_property
     def _laid_out(self) -> tuple[list[Frame], dict[str, Placement]]:
-        return lay_out(self.root, self.joints, self.joint_names, self.held)
+        return lay_out(self.root, self.degrees.joints, self.joint_names, self.held)
 
     @cached_property
     def _merged(self) -> tuple[list[RigidBody], dict[str, Placement]]:
-        return merge(self.links, self.joints, *self._laid_out)
+        return merge(self.links + self.degrees.between, self.degrees.joints, *self._laid_out)
 
     @property
     def root(self) -> str:
@@ -216,9 +220,51 @@ class Model:
 
     @cached_property
     def moving_joints(self) -> tuple[Joint, ...]:
-        """Joints that have a coordinate, in file order, coupled ones included."""
+        """Joints that have a coordinate, in file order, coupled ones included; of one degree of freedom each.
+
+        A joint of several degrees is listed as its degrees: see `degrees`.
+        """
         held = self.held
-        return tuple(j for j in self.joints if j.type != "fixed" and j.name not in held)
+        return tuple(j for j in self.degrees.joints if j.type != "fixed" and j.name not in held)
+
+    @cached_property
+    def degrees(self) -> Degrees:
+        """The joints, those of several degrees of freedom as chains of joints of one (`model/degrees.py`)."""
+        return degrees_of(self.joints)
+
+    @cached_property
+    def position_slices(self) -> tuple[slice, ...]:
+        """Where the position of each of `moving_joints` stands in q: four numbers of a ball joint's first degree."""
+        first, found = self.base_positions, []
+        for width in widths(self.moving_joints):
+            found.append(slice(first, first + width))
+            first += width
+        return tuple(found)
+
+    @cached_property
+    def position_names(self) -> tuple[str, ...]:
+        """Names of the joints' numbers in q: of a joint, or `joint.qw` to `joint.qz` of a ball joint's quaternion."""
+        names: list[str] = []
+        for joint, place in zip(self.moving_joints, self.position_slices):
+            several = [f"{joint.name[:-3]}.q{label}" for label in "wxyz"]
+            names += {1: [joint.name], 4: several}.get(place.stop - place.start, [])
+        return tuple(names)
+
+    def single_positions(self, q: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Return the position of each of `moving_joints` (n,) [rad or m] in q (nq,), 0 of ball joints."""
+        if not self.balls:
+            return np.array(q[self.base_positions :], dtype=float)
+        return np.array([q[at][0] if at.stop == at.start + 1 else 0.0 for at in self.position_slices])
+
+    @property
+    def base_positions(self) -> int:
+        """Number of position coordinates of the base: 7 if it floats, else 0."""
+        return 7 if self.base == "floating" else 0
+
+    @cached_property
+    def balls(self) -> tuple[int, ...]:
+        """Index in `moving_joints` of the first degree of each ball joint."""
+        return tuple(k for k, width in enumerate(widths(self.moving_joints)) if width == 4)
 
     @cached_property
     def held(self) -> dict[str, float]:
@@ -226,8 +272,8 @@ class Model:
 
         These are the locked joints, and joints coupled to a locked or fixed one or with the multiplier 0.
         """
-        held, by_name = dict(self.locked), {joint.name: joint for joint in self.joints}
-        for joint in self.joints:
+        held, by_name = dict(self.locked), {joint.name: joint for joint in self.degrees.joints}
+        for joint in self.degrees.joints:
             if joint.mimic is not None and joint.type != "fixed" and joint.name not in held:
                 head, k, offset = leader_of(joint, by_name, self.locked)
                 if k == 0 or head.type == "fixed" or head.name in self.locked:
@@ -242,7 +288,7 @@ class Model:
     @property
     def nq(self) -> int:
         """Number of position coordinates."""
-        return len(self.moving_joints) + (7 if self.base == "floating" else 0)
+        return self.base_positions + sum(widths(self.moving_joints))
 
     @property
     def nv(self) -> int:
@@ -252,7 +298,7 @@ class Model:
     @cached_property
     def couplings(self) -> tuple[tuple[str, str, float, float], ...]:
         """Coupled joints in file order: (follower, leader, multiplier, offset [rad or m])."""
-        by_name = {joint.name: joint for joint in self.joints}
+        by_name = {joint.name: joint for joint in self.degrees.joints}
         followers = [joint for joint in self.moving_joints if joint.mimic]
         leaders = [leader_of(joint, by_name, self.locked) for joint in followers]
         return tuple((joint.name, head.name, k, offset) for joint, (head, k, offset) in zip(followers, leaders))
@@ -350,7 +396,7 @@ class Model:
         ValueError
             If there is no such joint, or it is fixed or held.
         """
-        return self.nq - len(self.joint_names) + self._row(joint, self.joint_rows, "moving joint")
+        return self.position_slices[self._row(joint, self.joint_rows, "moving joint")].start
 
     def qd_index(self, joint: str) -> int:
         """Return the index of a joint's velocity in qd.

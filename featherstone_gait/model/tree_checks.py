@@ -78,6 +78,8 @@ def check_locked(joints: Iterable[Joint], locked: Mapping[str, float]) -> None:
         check(number_flaws(what, "position", position, "finite", "rad or m", "give a finite position"))
         if joint.type != "prismatic":
             check_angles(what, "position", (position,))
+        if joint.type == "ball" and (position or not all(f"{name[:-2]}{end}" in locked for end in ("rx", "ry", "rz"))):
+            raise ValueError(f"{what}: it is a degree of a ball joint; lock all three of them at 0, or none")
         if not joint.lower <= position <= joint.upper:
             raise ValueError(
                 f"{what}: position {position!r} is outside its limits {joint.lower!r} to {joint.upper!r}; hold it at a "
@@ -119,7 +121,8 @@ def check_servos(joints: Iterable[Joint], servos: Iterable[str]) -> None:
     """Raise ValueError unless every servo's joint exists and moves."""
     by_name = {joint.name: joint for joint in joints}
     for name in servos:
-        _movable(by_name, name, "servos")
+        if _movable(by_name, name, "servos").type == "ball":
+            raise ValueError(f"servos: {name!r} is a degree of a ball joint; a servo turns one axis: use other joints")
 
 
 def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:

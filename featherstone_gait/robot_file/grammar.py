@@ -34,10 +34,12 @@ _URDF = {
     "mass": _Grammar(required="value"),
     "inertia": _Grammar(required="ixx iyy izz", optional="ixy ixz iyz"),
     "origin": _Grammar(optional="xyz rpy"),
-    "joint": _Grammar(required="name type", needs="parent child", reads="origin axis limit dynamics mimic"),
+    "joint": _Grammar(required="name type", needs="parent child", reads="origin axis axis2 screw limit dynamics mimic"),
     "parent": _Grammar(required="link"),
     "child": _Grammar(required="link"),
     "axis": _Grammar(required="xyz"),
+    "axis2": _Grammar(required="xyz"),  # of a universal joint; URDF knows neither
+    "screw": _Grammar(required="pitch"),
     "limit": _Grammar(optional="lower upper effort velocity acceleration deceleration jerk"),
     "dynamics": _Grammar(optional="damping friction"),
     "mimic": _Grammar(required="joint", optional="multiplier offset"),

@@ -13,6 +13,7 @@ from ..base import arguments
 from ..base.arguments import instance, listed, real, texts, truth
 from ..geometry.contact_choice import Choice, with_contacts
 from ..model import LARGEST, Base, Joint, Mimic, Model
+from ..model.degrees import degrees_of
 from ..model.links import Leader, leader_of
 from ..model.rest_posture import nearest_positions
 from ..model.tree_checks import check_locked
@@ -166,17 +167,17 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
     if report.problems:
         return {}
     with blamed_on(f"{path}: load_robot(locked={locked!r})"):
-        held = _chosen(locked, settings.locked, robot.joints)
-        check_locked(robot.joints, held)
+        single = degrees_of(robot.joints).joints
+        held = _chosen(locked, settings.locked, single)
+        check_locked(single, held)
     return held
 
 
 def model_of(path: Path, robot: Robot, settings: Settings, report: Report, package_dirs: tuple[str, ...]) -> Model:
     """Make the model; report what is wrong with it."""
     own, postures = settings.parts, {**robot.postures, **settings.postures}
-    moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in robot.held]
     keyframes = {
-        name: (*(at.base if robot.base == "floating" else ()), *(at.joints[joint] for joint in moving))
+        name: (*(at.base if robot.base == "floating" else ()), *at.numbers(robot.joints, robot.held))
         for name, at in postures.items()
     }
     with report.blaming():

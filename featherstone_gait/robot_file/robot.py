@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ..model import Base, Joint, Link, Servo
+from ..model.degrees import ball_name, degrees_of, is_first
 from ..model.shapes import Shape
 
 MASSLESS: dict[str, Any] = {"mass": 0.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": (0.0,) * 6}  # of a Link
@@ -15,7 +16,21 @@ class Posture(NamedTuple):
     """A named posture of a file."""
 
     base: tuple[float, ...]  # position [m] and quaternion w x y z of the root link in the world
-    joints: Mapping[str, float]  # of all joints that move [rad or m]
+    joints: Mapping[
+        str, Any
+    ]  # of all degrees [rad or m]; by the names of ball joints quaternions w x y z
+
+    def numbers(self, joints: tuple[Joint, ...], held: Mapping[str, float]) -> tuple[float, ...]:
+        """Return the joints' part of q."""
+        found: list[float] = []
+        for one in degrees_of(joints).joints:
+            if one.type == "fixed" or one.name in held:
+                continue
+            if is_first(one):
+                found += self.joints[ball_name(one)]
+            elif one.type != "ball":
+                found.append(self.joints[one.name])
+        return tuple(found)
 
 
 class Robot(NamedTuple):

@@ -12,6 +12,8 @@ from typing import Any
 from ..base.arguments import instance
 from ..base.files import complete_together
 from ..model import Ground, HeightField, Joint, Link, Model
+from ..model.degrees import ball_name, is_first
+from ..model.links import COMPOSITE
 from ..model.shapes import Hull, Mesh, Shape
 from .gazebo import FIELDS
 from .markup import comment, element
@@ -21,6 +23,7 @@ from .toml import written
 from .urdf import DYNAMICS, INERTIA
 
 MJCF = (".xml", ".mjcf")  # suffixes
+OWN_NAMES = {"free": "floating"}  # of joint types that URDF calls otherwise
 
 
 def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = None) -> None:
@@ -105,15 +108,20 @@ def _joint_lines(joint: Joint) -> list[str]:
         "child": {"link": joint.child},
         "origin": {"xyz": joint.xyz, "rpy": joint.rpy},
     }
-    if joint.type != "fixed":
+    if joint.type not in ("fixed", "ball", "free"):
         parts["axis"] = {"xyz": joint.axis}
+    if joint.axis2 is not None:
+        parts["axis2"] = {"xyz": joint.axis2}
+    if joint.type == "screw":
+        parts["screw"] = {"pitch": joint.pitch}
+    if joint.type != "fixed":
         parts["limit"] = _stated_limits(joint)
         parts["dynamics"] = {name: getattr(joint, name) for name in DYNAMICS}
     if joint.type != "fixed" and joint.mimic:
         parts["mimic"] = asdict(joint.mimic)
     inside = [line for tag, attributes in parts.items() for line in element(tag, attributes)]
     spring = element("gazebo", {"reference": joint.name}, _spring_lines(joint)) if joint.stiffness else []
-    return [*element("joint", {"name": joint.name, "type": joint.type}, inside), *spring]
+    return [*element("joint", {"name": joint.name, "type": OWN_NAMES.get(joint.type, joint.type)}, inside), *spring]
 
 
 def _spring_lines(joint: Joint) -> list[str]:
@@ -123,6 +131,8 @@ def _spring_lines(joint: Joint) -> list[str]:
 def _stated_limits(joint: Joint) -> dict[str, float]:
     """Return the limits that URDF can state: no infinite effort or velocity; raise ValueError for infinite stops."""
     limits = {name: float(getattr(joint, name)) for name in ("lower", "upper", "effort", "velocity")}
+    if joint.type in (*COMPOSITE, "screw") and (joint.lower, joint.upper) == (-math.inf, math.inf):
+        return {name: limits[name] for name in ("effort", "velocity") if math.isfinite(limits[name])}
     if joint.type != "continuous" and not all(math.isfinite(limits[name]) for name in ("lower", "upper")):
         raise ValueError(
             f"joint {joint.name!r}: URDF cannot state the limits {joint.lower!r} to {joint.upper!r} of type "
@@ -155,9 +165,15 @@ def _toml_text(model: Model) -> str:
 
 def _posture(model: Model, q: tuple[float, ...]) -> dict[str, Any]:
     """Return a posture by joint name, since other files of the robot may list the joints in another order."""
-    first = model.nq - len(model.joint_names)
+    first = model.base_positions
     base = {"base": tuple(q[:first])} if first else {}
-    return base | {f"joints.{written(name)}": x for name, x in zip(model.joint_names, q[first:])}
+    joints: dict[str, Any] = {}
+    for joint, place in zip(model.moving_joints, model.position_slices):
+        if is_first(joint):
+            joints[f"joints.{written(ball_name(joint))}"] = tuple(q[place])
+        elif joint.type != "ball":
+            joints[f"joints.{written(joint.name)}"] = q[place.start]
+    return base | joints
 
 
 def _assignments(table: Mapping[str, Any]) -> list[str]:

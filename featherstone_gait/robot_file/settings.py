@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from ..model import Base, ContactPoint, Joint, Link, Servo, Supply
 from ..model.checks import check, field_flaws
+from ..model.degrees import ball_name, degrees_of, is_first
 from ..model.tree_checks import check_links, check_locked
 from .report import Report
 from .robot import Posture
@@ -124,14 +125,24 @@ def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Jo
     return _each(inside, inside, read)
 
 
+def _quaternion(values: Any, what: str) -> tuple[float, ...]:
+    """Read the quaternion of a ball joint."""
+    numbers = _numbers(values, what)
+    if len(numbers) != 4 or not any(numbers):
+        raise ValueError(f"{what} is {list(numbers)}; expected a quaternion [w, x, y, z]: [1, 0, 0, 0] is no rotation")
+    return numbers
+
+
 def _keyframe(keyframes: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> Posture | tuple[float, ...]:
     """Read [keyframes.NAME], or its list of coordinates; joints that it does not name are at zero."""
     table, what, problems = keyframes[name], f"keyframes.{name}", Problems()
     if not isinstance(table, dict):
         return _numbers(table, what)
     base: tuple[float, ...] = UPRIGHT
-    angles: dict[str, float] = {}
-    moving = tuple(joint.name for joint in joints if joint.type != "fixed")
+    angles: dict[str, Any] = {}
+    single = [joint for joint in degrees_of(joints).joints if joint.type != "fixed"]
+    turning = [ball_name(joint) for joint in single if is_first(joint)]
+    moving = (*(joint.name for joint in single if joint.type != "ball"), *turning)
     with problems.at(table):
         check_keys(table, ("base", "joints"), what)
     with problems.at(table, "base"):
@@ -143,7 +154,13 @@ def _keyframe(keyframes: dict[str, Any], name: str, joints: tuple[Joint, ...]) -
         stated = table_of(table, "joints", f"{what}.")
         with problems.at(stated):
             check_keys(stated, moving, f"{what}.joints")
-        angles = _each(stated, moving, lambda joint: real(stated.get(joint, 0.0), f"{what}.joints.{joint}"))
+
+        def position(joint: str) -> Any:
+            if joint in turning:
+                return _quaternion(stated.get(joint, [1.0, 0.0, 0.0, 0.0]), f"{what}.joints.{joint}")
+            return real(stated.get(joint, 0.0), f"{what}.joints.{joint}")
+
+        angles = _each(stated, moving, position)
     problems.raise_all()
     return Posture(base, angles)
 

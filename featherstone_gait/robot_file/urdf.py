@@ -31,12 +31,7 @@ TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and
 _IGNORED_LENGTH_ERROR = 1e-14  # an axis this close to unit length is kept to the last bit
 _NOTED_LENGTH_ERROR = 1e-6
 
-_REFUSED_TYPES = {
-    "planar": "replace it by two prismatic joints and a continuous one",
-    "spherical": "replace it by three continuous ones with massless links between them",
-    "ball": "replace it by three continuous ones with massless links between them",
-    "floating": "remove it together with its massless parent and load the robot with base='floating'",
-}
+_NAMES = {"spherical": "ball", "floating": "free"}  # of joint types that are called otherwise here
 DYNAMICS = ("damping", "friction")  # fields of Joint
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -56,10 +51,10 @@ def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, rep
         report.assume(root, "<robot>", "attribute 'name' is missing", f"called {path.stem!r}", "add it")
     links = tuple(_link(element, report, repair_inertia) for element in root.iterfind("link"))
     shapes = [shape for element in root.iterfind("link") for shape in read_shapes(element, meshes, report)]
-    floating = [element for element in root.iterfind("joint") if element.get("type") == "floating"]
+    floating = _base_joints(root, links)
     joints = tuple(_joint(element, springs, report) for element in root.iterfind("joint") if element not in floating)
     if floating:
-        links = _without_world(links, joints, floating, report)
+        links = _without_world(links, floating, report)
     return Robot(
         name=root.get("name", path.stem),
         links=links,
@@ -159,28 +154,33 @@ def _end(element: Element, tag: str) -> str:
 
 def _moving_joint(element: Element, what: str, report: Report) -> Joint:
     kind: Any = element.get("type", "fixed")  # any text: the checks of Joint refuse what is none of its types
-    if kind in _REFUSED_TYPES:
-        raise ValueError(f"{what}: type {kind!r} is not simulated; {_REFUSED_TYPES[kind]}")
+    kind = _NAMES.get(kind, kind)
     name, parent, child = element.get("name", ""), _end(element, "parent"), _end(element, "child")
     origin = _stated(element.find("origin"), ("xyz", "rpy"), what, report, vector)
     if kind == "fixed":
         return Joint(name, kind, parent, child, **origin)
     kind, motion = _stops(element, kind, what, report)
     motion |= _limits(element, what, report) | _stated(element.find("dynamics"), DYNAMICS, what, report)
-    with report.blaming(element):
-        motion["axis"] = _axis(element, what, report)
+    if kind not in ("ball", "free"):
+        with report.blaming(element):
+            motion["axis"] = _axis(element, what, report)
+    if kind == "universal" and element.find("axis2") is not None:
+        with report.blaming(element):
+            motion["axis2"] = _axis(element, what, report, "axis2")
+    if kind == "screw":
+        motion |= _stated(element.find("screw"), ("pitch",), what, report)
     mimic = element.find("mimic")
     if mimic is not None and mimic.get("joint"):  # else it is refused as missing
         motion["mimic"] = Mimic(mimic.get("joint", ""), **_stated(mimic, ("multiplier", "offset"), what, report))
     return Joint(name, kind, parent, child, **origin, **motion)
 
 
-def _axis(element: Element, what: str, report: Report) -> Vector:
+def _axis(element: Element, what: str, report: Report, tag: str = "axis") -> Vector:
     """Return the axis at unit length; (1, 0, 0) if the file has none, as URDF says."""
-    axis: Vector = _stated(element.find("axis"), ("xyz",), what, report, vector).get("xyz", (1.0, 0.0, 0.0))
+    axis: Vector = _stated(element.find(tag), ("xyz",), what, report, vector).get("xyz", (1.0, 0.0, 0.0))
     largest = max(abs(x) for x in axis)
     if not largest > 0:
-        raise ValueError(f"{what}: axis {axis!r} has length {largest!r}; expected > 0: give a direction such as 0 0 1")
+        raise ValueError(f"{what}: {tag} {axis!r} has length {largest!r}; expected > 0: give a direction such as 0 0 1")
     scaled = [x / largest for x in axis]  # so that the squares of tiny numbers do not vanish
     length = math.sqrt(dot(scaled, scaled)) * largest
     if abs(length - 1.0) <= _IGNORED_LENGTH_ERROR:
@@ -232,20 +232,22 @@ def _limits(element: Element, what: str, report: Report) -> dict[str, float]:
     return _stated(limit, ("effort", "velocity"), what, report, number_or_inf)
 
 
-def _without_world(
-    links: tuple[Link, ...], joints: tuple[Joint, ...], floating: list[Element], report: Report
-) -> tuple[Link, ...]:
+def _base_joints(root: Element, links: tuple[Link, ...]) -> list[Element]:
+    """Return the floating joint that moves the base, the only one of the massless root link; others are of the tree."""
+    joints = list(root.iterfind("joint"))
+    massless = {link.name for link in links if link.mass == 0}
+    children = {_end(element, "child") for element in joints}
+    for element in joints:
+        world = _end(element, "parent")
+        alone = sum(_end(one, "parent") == world for one in joints) == 1
+        if element.get("type") == "floating" and world in massless and world not in children and alone:
+            return [element]
+    return []
+
+
+def _without_world(links: tuple[Link, ...], floating: list[Element], report: Report) -> tuple[Link, ...]:
     """Drop the massless root of a floating joint; the joint's child becomes the floating base."""
     what, world = label(floating[0]), _end(floating[0], "parent")
-    others = [joint.name for joint in joints if world in (joint.parent, joint.child)]
-    massless = [link.name for link in links if link.mass == 0]
-    if len(floating) > 1 or others or world not in massless:
-        text = (
-            f"{what}: type 'floating' from link {world!r}; expected one such joint, from a massless root link that no "
-            f"other joint uses: {_REFUSED_TYPES['floating']}"
-        )
-        report.refuse(floating[0], text)
-        return links
     report.remark(f"dropped link {world!r} and {what}: the base floats, and its pose is part of the state")
     return tuple(link for link in links if link.name != world)
 

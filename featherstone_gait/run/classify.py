@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ..scene.contact import over_ground
 from ..scene.forest import shares
 from .compiled_run import CompiledRun
 from .prepare import least_step
-from .start import what_is_loose_at
+from .start import positions_in, what_is_loose_at
 from .status import OF_CODE, Status
 from .trajectory import Trajectory
 
@@ -44,9 +44,10 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
     scene, schedule = run.scene, run.plan if schedule is None else schedule
     status, message, end = classify(scene, schedule.offset + (schedule.first + schedule.steps) * schedule.h, y)
     passes = y[slice(*scene.part("newton_iterations"))]
-    info = {
+    info: dict[str, Any] = {
         "robot": scene.model.name,
         "joints": list(scene.model.joint_names),
+        **({"positions": list(scene.model.position_names)} if scene.model.balls else {}),
         "joint_types": [joint.type for joint in scene.model.moving_joints],
         "integrator": scene.integrator,
         "timestep": scene.timestep,
@@ -135,7 +136,7 @@ def _who_fell(scene: CompiledScene, y: np.ndarray) -> str:
         alone, own = member.scene, scene.state_of(member.name, y)
         if alone.tree.floating and alone.tree.n and alone.ground is not None:
             view = alone.state_view(own)
-            base, q = view.base_q, np.concatenate([view.base_q, view.q])
+            base, q = view.base_q, positions_in(alone, own)
             upright = float(dot(rotation_from_quaternion(base[3:])[2], alone.upright))
             height = over_ground(alone.ground, center_of_mass(alone.model, q)[None])[0]
             if upright < alone.fall_upright or height < alone.fall_height:

@@ -28,6 +28,7 @@ from ..core.step.context import Plan, Run, Scene
 from ..core.step.program import DONE, FIRST, OFFSET
 from ..core.step.signals import Knots, Signals
 from ..geometry.distance import clearance_channel, contact_bench
+from ..model.numpy_dynamics import with_quaternions
 from ..scene.compile import CompiledScene
 from ..scene.tree import check_followers
 from .interrupt import Kernel, call_interruptibly, ensure_compiled
@@ -261,6 +262,7 @@ class CompiledRun:
             n=scene.tree.n,
             bodies=len(constants.tree),
             bases=scene.tree.bases,
+            balls=0 if scene.tree.balls is None else len(scene.tree.balls),
             points=0 if constants.contact is None else len(constants.contact.points),
             workspace=scene.tree.workspace_shape(),
             offsets=scene.layout,
@@ -288,12 +290,19 @@ class CompiledRun:
         for name in self.record:
             channel = state.BY_NAME[name]
             if channel.kind != "computed":
-                found[name] = state.shaped(channel, out[:, self.stored[name]])
+                found[name] = self._stored(name, out)
             else:
-                needed = [state.shaped(state.BY_NAME[need], out[:, self.stored[need]]) for need in channel.needs]
+                needed = [self._stored(need, out) for need in channel.needs]
                 compute = channel.compute or functools.partial(OF_MODEL[name], self.scene.model)
                 found[name] = compute(*needed)
         return found
+
+    def _stored(self, name: str, out: np.ndarray) -> np.ndarray:
+        """Return a channel of the state in its natural shape; positions with the quaternions of ball joints."""
+        values = state.shaped(state.BY_NAME[name], out[:, self.stored[name]])
+        if name == "q" and self.scene.tree.balls is not None:
+            return with_quaternions(self.scene.model, values, out[:, self.stored["ball_q"]])
+        return values
 
 
 class Vector:

@@ -13,7 +13,7 @@ from ..core.effects.pair import Pairs
 from ..core.tree.distance import FIELD, Room, Shapes, pair_distances
 from ..scene.compile import CompiledScene
 from ..scene.pairs import body_poses
-from .start import checked_state, initial_state
+from .start import checked_state, initial_state, positions_in
 from .trajectory import Trajectory
 
 AT_REST = 2.0  # times the depth at which bodies rest: what lies deeper is told
@@ -90,7 +90,7 @@ def _listed(scene: CompiledScene, depth: np.ndarray, which: np.ndarray) -> str:
 def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray) -> np.ndarray:
     """Compute how deep the shapes of each pair (pairs,) overlap [m]; 0 where they are apart, or one is no solid."""
     bases, table = y[slice(*scene.part("base_q"))].reshape(-1, 7), pairs.shapes.table
-    joints = [scene.state_of(one.name, y)[slice(*one.scene.part("q"))] for one in scene.members]
+    joints = [positions_in(one.scene, scene.state_of(one.name, y))[one.model.base_positions :] for one in scene.members]
     rotation, position = body_poses(scene.members, scene.tree, bases, joints)
     center = position[table.link] + applied(rotation[table.link], table.r)
     both = np.stack([pairs.pairs.a, pairs.pairs.b], axis=1)

@@ -165,7 +165,8 @@ def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, sl
         if not isinstance(name, str) or name not in state.RECORDABLE:
             known = ", ".join(state.RECORDABLE)
             raise ValueError(f"record: there is no channel {shown(name)}; channels: {known}: see help(simulate)")
-        for stored in state.BY_NAME[name].needs or (name,):
+        needed = state.BY_NAME[name].needs or (name,)
+        for stored in (*needed, "ball_q") if "q" in needed and scene.tree.balls is not None else needed:
             if stored in slices:
                 continue
             places = np.arange(*scene.part(stored))

@@ -17,8 +17,9 @@ from ..core.effects.controller import PID_SPEED
 from ..core.effects.firmware import TURN
 from ..core.step import pace
 from ..core.step.signals import Knots
+from ..model import Model
 from ..model.composite import TOLERANCE
-from ..model.numpy_dynamics import what_is_loose
+from ..model.numpy_dynamics import what_is_loose, with_quaternions, zero_position
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from ..scene.forest import Member, state_index
@@ -72,18 +73,16 @@ def initial_state(
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(o["length"])
     y[o["step_control"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
-    default = np.zeros(model.nq)
-    default[model.nq - n :] = followed(scene.tree.coupling, np.zeros(n))
+    default = _default(model, scene)
     if model.base == "floating":
-        default[3] = 1.0
         if scene.ground is not None and q is None:
             default[2] = standing_height(model, scene.ground, default)
     if q is not None and not allow_limit_violation:
-        _check_limits(scene, vector("q", q, model.nq)[model.nq - n :])
+        _check_limits(scene, model.single_positions(vector("q", q, model.nq)))
     q = vector("q", default if q is None else q, model.nq)
     qd = vector("qd", np.zeros(model.nv) if qd is None else qd, model.nv)
     check_quaternion(scene, q[3:7], SHORTEST, LONGEST)
-    joints, rates = (a[len(a) - n :] for a in (q, qd))
+    joints, rates = model.single_positions(q), qd[len(qd) - n :]
     check_followers(model, scene.tree.coupling, joints, rates)
     given = {"q": joints, "qd": rates, "filtered_speed": rates, "rotor": joints, "rotor_speed": rates}
     given |= {"profiled_reference": joints, "base_q": q[:7], "base_qd": qd[:6]}
@@ -95,7 +94,20 @@ def initial_state(
         y[o["bus_voltage"]] = scene.constants.supply[0].voltage
     if model.base == "floating":
         view.base_q[3:] /= math.sqrt(total(q[3:7] * q[3:7]))
+    for ball, dof in zip(view.ball_q, model.balls):
+        turned = q[model.position_slices[dof]]
+        check_unit(f"{model.name}: q of ball joint {model.joint_names[dof][:-3]!r}", turned, SHORTEST, LONGEST)
+        ball[:] = turned / math.sqrt(total(turned * turned))
     return y
+
+
+def _default(model: Model, scene: CompiledScene) -> np.ndarray:
+    """Return the positions (nq,) at zero, with followers where their leaders put them."""
+    q, joints = zero_position(model), followed(scene.tree.coupling, np.zeros(scene.tree.n))
+    for place, joint, position in zip(model.position_slices, model.moving_joints, joints):
+        if joint.type != "ball":
+            q[place] = position
+    return q
 
 
 def _of_members(scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bool) -> np.ndarray:
@@ -123,10 +135,10 @@ def _of_members(scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bo
 def placed_position(member: Member) -> np.ndarray:
     """Return the positions (nq,) of a member at its place: a base without a height stands on the ground."""
     model, scene, placed = member.model, member.scene, member.placed
-    joints = followed(scene.tree.coupling, np.zeros(scene.tree.n))
+    q = _default(model, scene)
     if model.base == "fixed":
-        return joints
-    q = np.array([*[*placed.position, 0.0][:3], *placed.orientation, *joints])
+        return q
+    q[:7] = *[*placed.position, 0.0][:3], *placed.orientation
     if len(placed.position) == 2 and scene.ground is not None:
         q[2] = standing_height(model, scene.ground, q)
     return q
@@ -182,6 +194,8 @@ def standing_state(scene: CompiledScene, angles: ArrayLike, allow_limit_violatio
     model = scene.model
     if model.base != "floating" or scene.ground is None:
         raise ValueError(f"{model.name}: only a floating robot over ground stands; its base is {model.base}")
+    if model.balls:
+        raise ValueError(f"{model.name}: standing_state knows no ball joints; give q to initial_state")
     q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *vector("angles", angles, scene.tree.n)])
     q[2] = standing_height(model, scene.ground, q)
     return initial_state(scene, q, allow_limit_violation=allow_limit_violation)
@@ -205,13 +219,17 @@ def check_one(scene: CompiledScene, what: str) -> None:
 
 def check_quaternion(scene: CompiledScene, quaternion: np.ndarray, shortest: float, longest: float) -> None:
     """Raise ValueError for the quaternion (4,) of a floating base whose length is not within the bounds."""
-    if not scene.tree.floating:
-        return
+    if scene.tree.floating:
+        check_unit(f"{scene.model.name}: the base's quaternion q[3:7]", quaternion, shortest, longest)
+
+
+def check_unit(what: str, quaternion: np.ndarray, shortest: float, longest: float) -> None:
+    """Raise ValueError for a quaternion (4,) whose length is not within the bounds."""
     with np.errstate(over="ignore"):
         length = np.linalg.norm(quaternion)
     if not shortest <= length <= longest:
         raise ValueError(
-            f"{scene.model.name}: the base's quaternion q[3:7] is {quaternion}, of length {length:g}; expected "
+            f"{what} is {quaternion}, of length {length:g}; expected "
             f"{shortest:g} to {longest:g}: give w x y z, [1, 0, 0, 0] is no rotation"
         )
 
@@ -249,6 +267,8 @@ def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
     y = vector("state", values, scene.layout["length"], "what initial_state gave, or the end of a run")
     for base in y[slice(*scene.part("base_q"))].reshape(-1, 7):
         check_quaternion(scene, base[3:], 0.5, 2.0)
+    for ball in y[slice(*scene.part("ball_q"))].reshape(-1, 4):
+        check_unit(f"{scene.model.name}: a ball joint's quaternion in the state", ball, 0.5, 2.0)
     status, own = y[scene.layout["status"]], y[scene.part("step_control")[0] :]
     if status not in OF_CODE or not (own >= 0.0).all():
         raise ValueError(
@@ -263,8 +283,14 @@ def what_is_loose_at(scene: CompiledScene, y: np.ndarray, least: float = TOLERAN
     if scene.members:
         loose = (what_is_loose_at(one.scene, scene.state_of(one.name, y), least) for one in scene.members)
         return next((one for one in loose if one is not None), None)
-    q = np.concatenate([y[slice(*scene.part(name))] for name in ("base_q", "q")])
+    q = positions_in(scene, y)
     return what_is_loose(scene.model, q, scene.constants.armature, least)
+
+
+def positions_in(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
+    """Return the positions q (nq,) in a state (length,) of one robot."""
+    base_q, ball_q, joints = (y[slice(*scene.part(name))] for name in ("base_q", "ball_q", "q"))
+    return np.concatenate([base_q, with_quaternions(scene.model, joints, ball_q)])
 
 
 def _sizes(parts: dict[str, tuple[int, int]]) -> str:

@@ -110,7 +110,8 @@ def _axes(run: Any) -> dict[str, list[tuple[str, list[str]]]]:
     for name, values in run.items():
         if name != "time":
             found = by_pair(run.channels, run.info, name)
-            axes[name] = _axes_of(name, (values if found is None else found.values).shape[1:], joints)
+            shape = (values if found is None else found.values).shape[1:]
+            axes[name] = _axes_of(name, shape, run.info.get("positions", joints) if name == "q" else joints)
             if found is not None:
                 axes[name][0] = ("pair_of_links", found.labels)
     return axes
@@ -127,7 +128,7 @@ def _axes_of(name: str, shape: tuple[int, ...], joints: list[str]) -> list[tuple
     for k, size in enumerate(shape):
         axis, labels = f"{name}_{k}", [str(number) for number in range(size)]
         if channel is not None and channel.of in OF_JOINTS and k == 0 and size == len(joints):
-            axis, labels = "joint", list(joints)
+            axis, labels = "position" if name == "q" and any("." in one for one in joints) else "joint", list(joints)
         elif channel is not None and channel.of in ("point", "slot", "turning") and k == 0:
             axis = channel.of if len(shape) > 1 or channel.width == 1 else axis
         elif channel is not None and size == len(channel.labels):

@@ -85,6 +85,12 @@ def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
         return (slots[:, None] * share["of_joints"] + np.arange(first, end)).ravel()
     if channel.of == "point":
         first, end = share["points"]
+    elif channel.of == "ball":
+        first, end = share["balls"]
+    elif (
+        channel.name == "q" and "positions" in share and size == share["of_positions"]
+    ):  # with quaternions, as recorded
+        first, end = share["positions"]
     elif channel.of in ("base", "tree"):
         first, end = share["base"], share["base"] + (channel.of == "tree" or not share["fixed"])
     return np.arange(channel.width * first, channel.width * end)

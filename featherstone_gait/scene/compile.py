@@ -393,6 +393,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         supply=build_supply(model, drive),
         joint_springs=joint_springs,
         lifts=build_lifts(model, tree, g),
+        balls=tree.balls,
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)
     return CompiledScene(
@@ -543,6 +544,7 @@ def _places(tree: Tree, constants: Scene) -> np.recarray:
     return state.lay_out(
         {
             "base": tree.bases,
+            "ball": 0 if tree.balls is None else len(tree.balls),
             "joint": tree.n,
             "servo": tree.n * ("servo" in has),
             "rotor": tree.n * ("rotor" in has),

@@ -136,6 +136,7 @@ class Shift(NamedTuple):
     joint: int
     point: int
     coupling: int
+    ball: int
 
     def workspace(self, rows: np.ndarray) -> np.ndarray:
         """Return where workspace rows after the bodies, such as slots, stand."""
@@ -145,14 +146,15 @@ class Shift(NamedTuple):
 def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
     """Return where each member's rows stand: the bodies of all, then slots, contact rows and couplings of all."""
     trees, found = [scene.tree for scene in scenes], []
-    body, row, joint, point, coupling = 0, sum(len(tree.bodies) for tree in trees), 0, 0, 0
+    body, row, joint, point, coupling, ball = 0, sum(len(tree.bodies) for tree in trees), 0, 0, 0, 0
     for scene, tree in zip(scenes, trees):
-        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling))
+        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling, ball))
         body += len(tree.bodies)
         row += tree.rows - len(tree.bodies)
         joint += tree.n
         point += count(scene.constants.contact and scene.constants.contact.points)
         coupling += count(tree.coupling)
+        ball += count(tree.balls)
     return found
 
 
@@ -165,12 +167,14 @@ def joined_tree(members: Sequence[Member]) -> Tree:
     """Return the bodies of all members, one tree after the other."""
     places: dict[str, Placement] = {}
     scenes = [member.scene for member in members]
-    bodies, couplings, names = [], [], []
+    bodies, couplings, names, balls = [], [], [], []
     trees, moved = records(len(members), TREE), shifts(scenes)
     for row, member, scene, at in zip(trees, members, scenes, moved):
         tree = scene.tree
         table = tree.bodies.copy()
         table.parent += at.body
+        table.carrier += at.body
+        table.ball += at.ball
         table.dof += at.joint
         table.slot = at.workspace(table.slot)
         table.contact = np.where(table.contact > 0, at.workspace(table.contact), 0)
@@ -181,13 +185,24 @@ def joined_tree(members: Sequence[Member]) -> Tree:
             coupling.dof, coupling.leader_dof = coupling.dof + at.joint, coupling.leader_dof + at.joint
             coupling.row = at.workspace(coupling.row)
             couplings.append(coupling)
+        if tree.balls is not None:
+            balls.append(tree.balls + at.joint)
         names += [named(member, name) for name in tree.names]
         places |= {named(member, k): Placement(p.row + at.body, p.E, p.r) for k, p in tree.placements.items()}
         _fill_tree(row, scene, at)
     trees.number = np.arange(len(members))
     end = moved[-1].row + scenes[-1].tree.rows - len(scenes[-1].tree.bodies)
     joined = np.concatenate(bodies).view(np.recarray)
-    return Tree(joined, True, tuple(names), places, end, _concatenated(couplings), trees)
+    return Tree(
+        joined,
+        True,
+        tuple(names),
+        places,
+        end,
+        _concatenated(couplings),
+        trees,
+        np.concatenate(balls) if balls else None,
+    )
 
 
 def _fill_tree(row: Any, scene: CompiledScene, at: Shift) -> None:
@@ -197,6 +212,7 @@ def _fill_tree(row: Any, scene: CompiledScene, at: Shift) -> None:
     points = count(scene.constants.contact and scene.constants.contact.points)
     row.point, row.end_point = at.point, at.point + points
     row.coupling, row.end_coupling = at.coupling, at.coupling + count(tree.coupling)
+    row.ball, row.end_ball = at.ball, at.ball + count(tree.balls)
     row.falls = tree.floating and tree.n > 0 and points > 0
     row.min_height, row.min_upright = max(scene.fall_height, -1e308), scene.fall_upright
     row.upright = scene.upright
@@ -233,6 +249,7 @@ def joined_constants(members: Sequence[Member], tree: Tree) -> Scene:
         joint_springs=stack("joint_springs", JOINT_SPRING),
         lifts=_on_bodies([one.lifts for one in all_of], moved, ("body",)),
         trees=tree.trees,
+        balls=tree.balls,
     )
 
 
@@ -395,6 +412,8 @@ def joined_preflight(members: Sequence[Member], first: Preflight) -> Preflight:
 def shares(members: Sequence[Member]) -> dict[str, Share]:
     """Return which numbers of the channels are each member's, by name."""
     found: dict[str, Share] = {}
+    model_of, at_q = [member.model for member in members], 0
+    positions = sum(len(one.position_names) for one in model_of)
     joints = sum(member.scene.tree.n for member in members)
     for k, (member, at) in enumerate(zip(members, shifts([member.scene for member in members]))):
         points = count(member.scene.constants.contact and member.scene.constants.contact.points)
@@ -402,6 +421,11 @@ def shares(members: Sequence[Member]) -> dict[str, Share]:
             "base": k, "fixed": not member.scene.tree.floating, "joints": [at.joint, at.joint + member.scene.tree.n],
             "points": [at.point, at.point + points], "of_joints": joints,
         }  # fmt: skip
+        if positions > joints:
+            own = len(member.model.position_names)
+            balls = [at.ball, at.ball + count(member.scene.tree.balls)]
+            found[member.name] |= {"balls": balls, "positions": [at_q, at_q + own], "of_positions": positions}
+            at_q += own
     return found
 
 

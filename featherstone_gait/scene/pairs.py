@@ -28,6 +28,7 @@ from ..base.fixed_order import applied, product, total
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, TURNING, Pairs
 from ..core.tree.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
+from ..core.tree.layout import PRISMATIC
 from ..geometry.distance import HalfSpace, meeting_shapes, shape_tables
 from ..geometry.mesh import hull_excess
 from ..model import Ground, HeightField, Joint
@@ -480,7 +481,7 @@ def _near_points(
             q[:7] = (x, y, 0.0, *member.placed.orientation)
             height = [standing_height(model, options.ground, q)]
         bases.append([x, y, *(height or [0.0]), *member.placed.orientation])
-        joints.append(q[len(q) - len(model.joint_names) :])
+        joints.append(q[model.base_positions :])
     rotation, position = body_poses(members, tree, np.array(bases), joints)
     at = shapes.table
     center = position[at.link] + applied(rotation[at.link], at.r)
@@ -553,8 +554,8 @@ def _bounds(
         if i in roots or out[i] < 0.0:
             continue
         body = bodies[i]
-        (x, y, z), way = body.r.tolist(), _travel(joints[body.dof]) if body.prismatic else 0.0
-        reach[body.dof] = 1.0 if body.prismatic else across[i]
+        (x, y, z), way = body.r.tolist(), _travel(joints[body.dof]) if body.kind == PRISMATIC else 0.0
+        reach[body.dof] = 1.0 if body.kind == PRISMATIC else across[i] + abs(body.pitch)
         parent = body.parent
         out[parent] = max(out[parent], math.sqrt(x * x + y * y + z * z) + way + out[i])
         across[parent] = max(across[parent], math.sqrt(x * x + y * y) + way + out[i])

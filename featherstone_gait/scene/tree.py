@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.tree.coupling import COUPLING
-from ..core.tree.layout import BODY, COLUMNS
+from ..core.tree.layout import BALL, BALL_AXIS, BODY, COLUMNS, PRISMATIC, REVOLUTE, SCREW
 from ..model import Model, Placement, RigidBody, rigid_bodies
 from .records import fill, records
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
+KINDS = {"prismatic": PRISMATIC, "screw": SCREW}  # all others turn
 AGREEMENT = 1e-9  # how far a follower may be from where its leader wants it [rad or m; rad/s or m/s]
 
 
@@ -27,6 +28,7 @@ class Tree(NamedTuple):
     rows: int  # of the workspace: bodies, slots, contact rows, couplings
     coupling: np.recarray | None  # (couplings,) COUPLING
     trees: np.recarray | None = None  # (trees,) TREE of a scene of several trees
+    balls: np.ndarray | None = None  # (balls,) first coordinate of each ball joint
 
     @property
     def n(self) -> int:
@@ -37,6 +39,21 @@ class Tree(NamedTuple):
     def bases(self) -> int:
         """Number of bases that have coordinates."""
         return int(self.floating) if self.trees is None else len(self.trees)
+
+    def split_positions(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Split the joints' part of q to degrees (rows, n), 0 of ball joints, and quaternions (rows, 4 balls)."""
+        if self.balls is None:
+            return joints, None
+        single, turned, at, dof = np.zeros((len(joints), self.n)), [], 0, 0
+        first = set(self.balls.tolist())
+        while dof < self.n:
+            if dof in first:
+                turned.append(joints[:, at : at + 4])
+                at, dof = at + 4, dof + 3
+            else:
+                single[:, dof] = joints[:, at]
+                at, dof = at + 1, dof + 1
+        return single, np.concatenate(turned, axis=1)
 
     def workspace_shape(self) -> tuple[int, int]:
         """Return rows and columns of the workspace."""
@@ -54,6 +71,7 @@ def _compiled(model: Model) -> Tree:
     bodies = np.zeros(len(merged), BODY)
     for row, body in zip(bodies, merged):
         _fill(row, body, model.joint_rows)
+    balls = _mark_balls(model, merged, bodies)
     rows = len(bodies) + _assign_slots(bodies)
     for row in sorted({placements[point.link].row for point in model.contacts}):
         bodies[row]["contact"] = rows
@@ -62,7 +80,7 @@ def _compiled(model: Model) -> Tree:
     coupling = _build_coupling(model, moved, rows)
     rows += 0 if coupling is None else len(coupling)
     names = tuple(body.links[0] for body in merged)
-    return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows, coupling)
+    return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows, coupling, balls=balls)
 
 
 def joint_armature(model: Model) -> np.ndarray | None:
@@ -77,9 +95,23 @@ def _fill(row: np.void, body: RigidBody, dof: Mapping[str, int]) -> None:
     row["E"] = E.ravel()
     if joint is not None:
         fill(row, joint)
-        row["dof"], row["prismatic"] = dof[joint.name], joint.type == "prismatic"
+        row["dof"], row["carrier"] = dof[joint.name], row["parent"]
+        row["kind"] = KINDS.get(joint.type, REVOLUTE)
     row["m"], row["c"] = body.mass, body.center
     row["J"] = body.inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+
+
+def _mark_balls(model: Model, merged: list[RigidBody], bodies: np.ndarray) -> np.ndarray | None:
+    """Mark the rows of ball joints, and return the first coordinate of each; None if there are none."""
+    number = {dof: k for k, dof in enumerate(model.balls)}
+    for row, body in zip(bodies, merged):
+        if body.frame.joint is not None and body.frame.joint.type == "ball":
+            up = bodies[row["parent"]]
+            first = row["dof"] in number
+            row["kind"] = BALL if first else BALL_AXIS
+            row["ball"] = number[int(row["dof"])] if first else up["ball"]
+            row["carrier"] = row["parent"] if first else up["carrier"]
+    return np.array(model.balls, dtype=np.int64) if model.balls else None
 
 
 def _assign_slots(bodies: np.ndarray) -> int:

@@ -194,7 +194,7 @@ def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
     else:
         known = ", ".join(model.keyframes) or "none"
         raise ValueError(f"{model.name}: there is no keyframe {shown(keyframe)}; its keyframes: {known}")
-    channels = {"time": np.zeros(1), "q": q[None, model.nq - len(model.joint_names) :]}
+    channels = {"time": np.zeros(1), "q": q[None, model.base_positions :]}
     channels |= {"base_q": q[None, :7]} if model.base == "floating" else {}
     text = f"{model.name}, {keyframe or 'the posture nearest to zero'}"
     info = {"robot": model.name, "joints": list(model.joint_names), "start": text}

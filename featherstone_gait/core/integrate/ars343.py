@@ -32,6 +32,7 @@ from ..step.advance import step_trees
 from ..step.context import Scratch, Step
 from ..step.pace import COLUMNS, EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, root, scaled
 from ..step.signals import inputs
+from ..tree.ball import ball_rates
 from ..tree.forest import base_count, joint_count
 from ..tree.kinematics import quaternion_rate
 from .integrator import Integrator, begin_interval, scratch, take_adaptive_step
@@ -191,6 +192,19 @@ def _begin_stage(floating, contact, pairs, run, y, h, k):
             for i in range(quaternion, quaternion + 4):
                 norm += y[i] * y[i]
             work.norms[base] = sqrt(norm)
+    _ball_norms(run.scene.balls, run, y)
+
+
+@inline
+def _ball_norms(balls, run, y):
+    """Keep the lengths of the quaternions of ball joints, behind those of bases."""
+    if balls is not None:
+        norms, start = run.work.norms, run.offsets[0].ball_q
+        for ball in range(len(balls)):
+            norm = 0.0
+            for i in range(start + 4 * ball, start + 4 * ball + 4):
+                norm += y[i] * y[i]
+            norms[len(norms) - len(balls) + ball] = sqrt(norm)
 
 
 @inline
@@ -222,6 +236,7 @@ def _end_stage(floating, run, y, d, k):
                 quaternion_rate(x, v, slopes[k, position + 3 : position + 7])
                 for i in range(position + 3, position + 7):
                     slopes[k, i] *= run.work.norms[base] / sqrt(1.0 + turn)
+        _end_balls(run.scene.balls, run, y, d, slopes[k])
     else:
         for i in range(joint_count(run.scene.trees, run.scene.tree)):
             slopes[0, offsets.qd + i] = y[offsets.qdd + i]
@@ -231,12 +246,25 @@ def _end_stage(floating, run, y, d, k):
 
 
 @inline
+def _end_balls(balls, run, y, d, slope):
+    if balls is not None:
+        norms, q, v = run.work.norms, run.offsets[0].ball_q, y[run.offsets[0].qd :]
+        ball_rates(balls, None, y[q:], v, slope[q:])
+        for ball in range(len(balls)):
+            k = balls[ball]
+            turn = 0.25 * d * d * (v[k] * v[k] + v[k + 1] * v[k + 1] + v[k + 2] * v[k + 2])
+            for i in range(q + 4 * ball, q + 4 * ball + 4):
+                slope[i] *= norms[len(norms) - len(balls) + ball] / sqrt(1.0 + turn)
+
+
+@inline
 def _start_slope(floating, run):
     """Fill the rates of positions and velocities at the start, as the last stage left them."""
     offsets, start, slope = run.offsets[0], run.work.start, run.work.slopes[0]
     for i in range(joint_count(run.scene.trees, run.scene.tree)):
         slope[offsets.q + i] = start[offsets.qd + i]
         slope[offsets.qd + i] = start[offsets.qdd + i]
+    ball_rates(run.scene.balls, None, start[offsets.ball_q :], start[offsets.qd :], slope[offsets.ball_q :])
     if floating is not None:
         for base in range(base_count(run.scene.trees)):
             position, speed = offsets.base_q + 7 * base, offsets.base_qd + 6 * base
@@ -350,9 +378,9 @@ def _workspace(sizes, zeros):
         scratch=scratch(sizes, zeros),
         start=zeros(int(offsets["length"])),
         slopes=zeros((4, int(offsets["after_integrated"]))),
-        predicted=zeros(2 * sizes.n + 13 * sizes.bases),
+        predicted=zeros(2 * sizes.n + 13 * sizes.bases + 4 * sizes.balls),
         motors=MotorStage(zeros((sizes.motors, MOTOR_COLUMNS)), zeros(3)) if sizes.motors else None,
-        norms=zeros(max(sizes.bases, 1)),
+        norms=zeros(max(sizes.bases + sizes.balls, 1)),
         stale=np.zeros(1),
         fresh=np.zeros(1),
         pace=zeros(SIZE),

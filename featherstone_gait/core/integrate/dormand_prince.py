@@ -21,6 +21,7 @@ from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.derivative import derivative
 from ..step.pace import EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
 from ..step.signals import inputs, time_of
+from ..tree.ball import unit_balls
 from ..tree.coupling import follow
 from ..tree.kinematics import unit_quaternions
 from .integrator import (
@@ -77,6 +78,7 @@ def _evaluate(first, last, run, y, t, h):
                         y[i] += c * stages[j, i]
             if k == END:
                 unit_quaternions(scene.floating, scene.trees, offsets.base_q, y)
+                unit_balls(scene.balls, offsets.ball_q, y)
         inputs(u, min(t + NODES[k] * h, pace[UNTIL]))
         since, act = pace[SINCE], scene.actuator
         at = Step(
@@ -196,6 +198,7 @@ def _interpolate(run, y, h, x):
         f = stages[COEFFICIENTS + 1, i] + u * (stages[COEFFICIENTS + 2, i] + x * stages[COEFFICIENTS + 3, i])
         y[i] = a + x * (d + u * (b + x * (c + u * (e + x * f))))
     unit_quaternions(run.scene.floating, run.scene.trees, run.offsets[0].base_q, y)
+    unit_balls(run.scene.balls, run.offsets[0].ball_q, y)
 
 
 @inline

@@ -43,6 +43,7 @@ from ..step.context import NEWTON_TOLERANCE, Step
 from ..step.derivative import derivative
 from ..step.pace import COLUMNS, EVALUATIONS, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
 from ..step.signals import evaluate
+from ..tree.ball import unit_balls
 from ..tree.forest import base_count, joint_count
 from ..tree.kinematics import unit_quaternions
 from .integrator import Integrator, begin_interval, begin_run, scratch, take_adaptive_step
@@ -124,6 +125,7 @@ def extrapolate(work, run, y, t, length):
                 y[i] = work.best[i]
             y[offsets.newton_iterations] = work.columns.y[offsets.newton_iterations, 0]  # those of the last column
             unit_quaternions(run.scene.floating, run.scene.trees, offsets.base_q, y)
+            unit_balls(run.scene.balls, offsets.ball_q, y)
             _keep_features(run.scene.pairs, run, y)
             _first_slope(implicit, run, y, t + h)
             pace[STEPS] += 1.0
@@ -441,6 +443,14 @@ def _sum_apart(floating, run, x, h):
                 _add(start, x, position + i, h * x.y[speed + i])
             for i in range(position + 3, position + 7):
                 x.moved[i] = x.y[i] - start[i]
+    _balls_apart(run.scene.balls, offsets, start, x)
+
+
+@inline
+def _balls_apart(balls, offsets, start, x):
+    if balls is not None:
+        for i in range(offsets.ball_q, offsets.ball_q + 4 * len(balls)):
+            x.moved[i] = x.y[i] - start[i]
 
 
 @inline

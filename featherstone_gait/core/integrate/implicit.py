@@ -59,7 +59,7 @@ def _euler_workspace(sizes, zeros):
 
 
 def _midpoint_workspace(sizes, zeros):
-    return Implicit(scratch(sizes, zeros), zeros(2 * sizes.n + 13 * sizes.bases))
+    return Implicit(scratch(sizes, zeros), zeros(2 * sizes.n + 13 * sizes.bases + 4 * sizes.balls))
 
 
 IMPLICIT_EULER = Integrator("implicit_euler", 1, _euler_workspace)

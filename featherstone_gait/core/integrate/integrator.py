@@ -30,6 +30,7 @@ class Sizes(NamedTuple):
     n: int  # joints
     bodies: int
     bases: int  # that have coordinates
+    balls: int  # ball joints
     points: int  # contact points
     workspace: tuple[int, int]  # of the tree
     offsets: np.void  # STATE

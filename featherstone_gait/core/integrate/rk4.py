@@ -10,6 +10,7 @@ from ..effects.pair import flatten_bristles
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.derivative import derivative
 from ..step.signals import inputs_over_step
+from ..tree.ball import unit_balls
 from ..tree.kinematics import unit_quaternions
 from .integrator import Integrator, scratch, take_step
 
@@ -59,6 +60,7 @@ def rk4_step(work, run, y, t, theta):
     for i in range(n):
         y[i] = start[i] + (h / 6.0) * total[i]
     unit_quaternions(run.scene.floating, run.scene.trees, run.offsets[0].base_q, y)
+    unit_balls(run.scene.balls, run.offsets[0].ball_q, y)
 
 
 def _workspace(sizes, zeros):

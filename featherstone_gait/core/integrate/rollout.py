@@ -11,6 +11,7 @@ from ..effects.pair import FULL, copy_where
 from ..step.pool import renew_pool
 from ..step.program import commanded, writes_torques
 from ..step.signals import EVENT_MARGIN, evaluate, time_of
+from ..tree.ball import ball_positions
 from ..tree.coupling import follow
 from ..tree.energy import center_of_floating
 from ..tree.forest import base_of, joint_count
@@ -172,7 +173,8 @@ def _fallen(part, min_height, min_upright, up, frames, scene, offsets, y):
     fell = E[6] * up[0] + E[7] * up[1] + E[8] * up[2] < min_upright
     if any_lane(min_height > NEVER):
         q = y[offsets.q : offsets.q + joint_count(scene.trees, scene.tree)]
-        center = center_of_floating(scene.tree, part, base_q, q, frames)
+        ball_q = ball_positions(scene.balls, y, offsets.ball_q)
+        center = center_of_floating(scene.tree, part, base_q, ball_q, q, frames)
         fell = fell | (above_ground(scene.contact, center) < min_height)
     return fell
 

@@ -14,6 +14,7 @@ from ..effects.gear_friction import GearFriction
 from ..effects.joint_spring import plus_spring
 from ..effects.pair import move_pairs
 from ..effects.stop import move_stop
+from ..tree.ball import move_balls
 from ..tree.forest import base_of, is_fixed, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, move_base
 from .context import of_tree
@@ -71,6 +72,8 @@ def advance(step):
         y[offsets.q + i] += step.h * step.Z[VN, i]
         y[offsets.qd + i] += dv
         filter_speed(controller_of(step.actuator), step, i)
+    ball_q = y[offsets.ball_q :]
+    move_balls(step.scene.balls, step.part, ball_q, step.Z[VN], step.h, ball_q)
     _advance_base(step.scene.floating, step)
 
 

@@ -39,6 +39,7 @@ class Scene(NamedTuple):
     lifts: np.ndarray | None = None  # (links,) PUSH, at all times, that bear weight
     trees: np.ndarray | None = None  # (trees,) TREE of a scene of several trees
     pairs: tuple | None = None  # Pairs: shapes that may touch; a scene that has any has `trees`
+    balls: np.ndarray | None = None  # (balls,) first coordinate of each ball joint
 
 
 @structure

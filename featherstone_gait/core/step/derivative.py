@@ -16,6 +16,7 @@ from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.joint_spring import plus_spring
 from ..effects.pair import pair_rates
 from ..effects.stop import stop_rates
+from ..tree.ball import ball_positions, ball_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
@@ -50,7 +51,8 @@ def _forces(step, dy):
     n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
-    motion_pass(scene.tree, part, scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
+    ball_q = ball_positions(scene.balls, y, offsets.ball_q)
+    motion_pass(scene.tree, part, scene.gravity, Motion(bq, bv, None, q, v, None, ball_q), step.W)
     for i in range(first, end):
         speed = v[i]
         T, Tf = _drive_and_friction(scene.friction, step, dy, i, speed)
@@ -76,6 +78,7 @@ def _rates(contact, step, dy):
     for i in range(first, end):
         dy[offsets.q + i] = v[i]
         dy[offsets.qd + i] = a[i]
+    ball_rates(scene.balls, part, y[offsets.ball_q :], v, dy[offsets.ball_q :])
     _base_rates(bq, bv, step, dy)
 
 

@@ -46,6 +46,7 @@ from ..effects.push import add_pushes
 from ..effects.spring import add_springs
 from ..effects.stop import stop_torque
 from ..tree.aba import acceleration_pass, articulated_pass, constrain
+from ..tree.ball import ball_positions, last_balls, move_balls
 from ..tree.forest import base_count, base_index, base_of, joint_count, joints_of
 from ..tree.kinematics import motion_pass, move_base
 from ..tree.layout import Motion
@@ -156,7 +157,8 @@ def predict(predicted, rotor, step):
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
     if predicted is None:
-        motion_pass(scene.tree, part, scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
+        ball_q = ball_positions(scene.balls, y, offsets.ball_q)
+        motion_pass(scene.tree, part, scene.gravity, Motion(bq, bv, None, q, v, None, ball_q), step.W)
         for i in range(first, end):
             Z[VP, i] = v[i]
     else:
@@ -170,7 +172,9 @@ def predict(predicted, rotor, step):
         _predict_base(bq, bv, ba, predicted, 2 * n + 7 * at, speeds + 6 * at, step.h_implicit)
         bq = base_of(scene.floating, part, predicted, 2 * n, 7)
         bv = base_of(scene.floating, part, predicted, speeds, 6)
-        motion = Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a)
+        ball_q = last_balls(scene.balls, predicted)
+        move_balls(scene.balls, part, y[offsets.ball_q :], predicted[n : 2 * n], step.h_implicit, ball_q)
+        motion = Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a, ball_q)
         motion_pass(scene.tree, part, scene.gravity, motion, step.W)
     for i in range(first, end):
         Z[VK, i] = Z[VP, i]

@@ -20,6 +20,7 @@ from ..compile.lanes import any_lane, flat, invert, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.structure import structure
 from ..effects.pair import FAR, REACH, SUDDEN, look_in_lane, put_pair, shape_pose, slots_in_use
+from ..tree.ball import ball_positions
 from ..tree.distance import HALF_SPACE
 from ..tree.forest import base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import pose_pass
@@ -183,7 +184,8 @@ def _pose_all(run, y):
     n = joint_count(scene.trees, scene.tree)
     for k in range(len(scene.trees)):
         base_q = base_of(True, scene.trees[k], y, o.base_q, 7)
-        pose_pass(scene.tree, scene.trees[k], base_q, y[o.q : o.q + n], run.renewal.frames)
+        ball_q = ball_positions(scene.balls, y, o.ball_q)
+        pose_pass(scene.tree, scene.trees[k], base_q, ball_q, y[o.q : o.q + n], run.renewal.frames)
 
 
 @inline

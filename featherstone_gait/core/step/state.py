@@ -24,8 +24,8 @@ from .pace import PACE
 
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
 Of = Literal[
-    "base", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot", "turning",
-    "pairs",
+    "base", "ball", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot",
+    "turning", "pairs",
 ]  # fmt: skip
 
 
@@ -34,8 +34,8 @@ class Channel(NamedTuple):
 
     name: str
     kind: Kind
-    of: Of  # what has it: each floating base, joint, joint with a servo or rotor, contact point, tree, the run,
-    # the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
+    of: Of  # what has it: each floating base, ball joint, joint, joint with a servo or rotor, contact point, tree, the
+    # run, the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
     # each slot for a point of a pair that touches, if any pair resists rolling, and all pairs together
     width: int  # numbers each
     unit: str
@@ -50,6 +50,7 @@ _WORKS = ("supply", "electrical_no_regeneration", "copper", "driver_loss", "fric
 
 CHANNELS = (
     Channel("base_q", "coordinates", "base", 7, "m, -", "position and quaternion of the base", (*"xyz", *"wxyz")),
+    Channel("ball_q", "coordinates", "ball", 4, "-", "quaternions of ball joints", tuple("wxyz")),
     Channel("q", "coordinates", "joint", 1, "rad or m", "joint positions"),
     Channel("base_qd", "coordinates", "base", 6, "m/s, rad/s", "velocity (world) and angular velocity (body axes)"),
     Channel("qd", "coordinates", "joint", 1, "rad/s or m/s", "joint velocities"),

@@ -21,6 +21,7 @@ def _row(motion, i):
         motion.q[i],
         motion.qd[i],
         item(motion.qdd, i),
+        item(motion.ball_q, i),
     )
 
 

@@ -58,7 +58,7 @@ def center_of_mass(tree, base_q, W, out):
 
 
 @kernel
-def center_of_floating(tree, part, base_q, q, W):
+def center_of_floating(tree, part, base_q, ball_q, q, W):
     """Return the center of mass [m] of a floating robot by positions alone; fill R and P of its rows."""
     root, end = rows_of(part, tree)
     store3(W, root, P, (0.0, 0.0, 0.0))
@@ -66,7 +66,7 @@ def center_of_floating(tree, part, base_q, q, W):
     mass, x = tree[root].m, scale(point_position(root, tree[root].c, W), tree[root].m)
     for i in range(root + 1, end):
         b = tree[i]
-        joint_pose(b, i, q[b.dof], W)
+        joint_pose(ball_q, b, i, q[b.dof], W)
         mass += b.m
         x = add(x, scale(point_position(i, b.c, W), b.m))
     return add(scale(x, 1.0 / mass), _base_position(base_q))

@@ -22,6 +22,8 @@ TREE = record(
     end_point=int,
     coupling=int,  # first coupling
     end_coupling=int,
+    ball=int,  # first ball joint
+    end_ball=int,
     falls=int,  # 1 = it can fall
     min_height=float,  # of the center of mass over the ground, along its normal [m]; below it the robot has fallen
     min_upright=float,  # cosine of the base's tilt; below it the robot has fallen

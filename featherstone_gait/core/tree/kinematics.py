@@ -8,7 +8,7 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import sqrt
 from ..compile.optional import item
 from .forest import base_count, rows_of
-from .joint import joint_motion, joint_pose
+from .joint import joint_motion, joint_pose, rotation_matrix
 from .layout import A, P, R, U, V
 from .spatial import add, cross, load3, load9, rotate, rotate_back, store3, store9, sub
 
@@ -23,18 +23,18 @@ def motion_pass(tree, part, gravity, motion, W):
     _root(root, motion.base_q, motion.base_qd, motion.base_qdd, gravity, W)
     for i in range(root + 1, end):
         b = tree[i]
-        joint_pose(b, i, motion.q[b.dof], W)
-        joint_motion(b, i, motion.qd[b.dof], item(motion.qdd, b.dof), W)
+        joint_pose(motion.ball_q, b, i, motion.q[b.dof], W)
+        joint_motion(motion.ball_q, b, i, motion.qd[b.dof], item(motion.qdd, b.dof), W)
 
 
 @kernel
-def pose_pass(tree, part, base_q, q, W):
+def pose_pass(tree, part, base_q, ball_q, q, W):
     """Fill R and P of every row of a tree that floats."""
     root, end = rows_of(part, tree)
     store3(W, root, P, (0.0, 0.0, 0.0))
     store9(W, root, R, quaternion_matrix(base_q))
     for i in range(root + 1, end):
-        joint_pose(tree[i], i, q[tree[i].dof], W)
+        joint_pose(ball_q, tree[i], i, q[tree[i].dof], W)
 
 
 @inline
@@ -67,19 +67,7 @@ def _root(root, base_q, base_qd, base_qdd, gravity, W):
 @inline
 def quaternion_matrix(base_q):
     """Return the rotation (9) of the quaternion base_q[3:7] = w x y z of any length but zero, body -> world."""
-    w, x, y, z = base_q[3], base_q[4], base_q[5], base_q[6]
-    s = 2.0 / (w * w + x * x + y * y + z * z)
-    return (
-        1.0 - s * (y * y + z * z),
-        s * (x * y - w * z),
-        s * (x * z + w * y),
-        s * (x * y + w * z),
-        1.0 - s * (x * x + z * z),
-        s * (y * z - w * x),
-        s * (x * z - w * y),
-        s * (y * z + w * x),
-        1.0 - s * (x * x + y * y),
-    )
+    return rotation_matrix(base_q[3], base_q[4], base_q[5], base_q[6])
 
 
 @inline
@@ -97,31 +85,41 @@ def base_acceleration(root, base_qdd, W):
 
 @inline
 def move_base(bq, bv, h, out):
-    """Move a free base for the time h: rotation by Cayley's map of h omega, exact to third order; out may be bq."""
+    """Move a free base for the time h; out may be bq."""
     for k in range(3):
         out[k] = bq[k] + h * bv[k]
-    x, y, z = 0.5 * h * bv[3], 0.5 * h * bv[4], 0.5 * h * bv[5]
-    a, b, c, d = bq[3], bq[4], bq[5], bq[6]
+    turn(bq, 3, 0.5 * h * bv[3], 0.5 * h * bv[4], 0.5 * h * bv[5], out, 3)
+
+
+@inline
+def turn(bq, k, x, y, z, out, n):
+    """Turn the quaternion bq[k : k + 4] by Cayley's map of (x, y, z) = h omega / 2, exact to third order."""
+    a, b, c, d = bq[k], bq[k + 1], bq[k + 2], bq[k + 3]
     w = a - b * x - c * y - d * z
     i = b + a * x + c * z - d * y
     j = c + a * y + d * x - b * z
-    k = d + a * z + b * y - c * x
-    r = 1.0 / sqrt(w * w + i * i + j * j + k * k)
-    out[3] = w * r
-    out[4] = i * r
-    out[5] = j * r
-    out[6] = k * r
+    m = d + a * z + b * y - c * x
+    r = 1.0 / sqrt(w * w + i * i + j * j + m * m)
+    out[n] = w * r
+    out[n + 1] = i * r
+    out[n + 2] = j * r
+    out[n + 3] = m * r
 
 
 @inline
 def quaternion_rate(bq, bv, out):
     """Fill out (4,) with 1/2 quaternion omega [1/s] of a base's position (7,) and velocity (6,)."""
-    w, x, y, z = bq[3], bq[4], bq[5], bq[6]
-    p, q, r = 0.5 * bv[3], 0.5 * bv[4], 0.5 * bv[5]
-    out[0] = -(x * p + y * q + z * r)
-    out[1] = w * p + y * r - z * q
-    out[2] = w * q + z * p - x * r
-    out[3] = w * r + x * q - y * p
+    turn_rate(bq, 3, 0.5 * bv[3], 0.5 * bv[4], 0.5 * bv[5], out, 0)
+
+
+@inline
+def turn_rate(bq, k, p, q, r, out, n):
+    """Fill out[n : n + 4] with the quaternion bq[k : k + 4] times (p, q, r) = omega / 2 [1/s]."""
+    w, x, y, z = bq[k], bq[k + 1], bq[k + 2], bq[k + 3]
+    out[n] = -(x * p + y * q + z * r)
+    out[n + 1] = w * p + y * r - z * q
+    out[n + 2] = w * q + z * p - x * r
+    out[n + 3] = w * r + x * q - y * p
 
 
 @inline
@@ -129,7 +127,12 @@ def unit_quaternions(floating, trees, start, y):
     """Bring the quaternions of the floating bases, whose positions start at y[start], back to length 1."""
     if floating is not None:
         for base in range(base_count(trees)):
-            k = start + 7 * base + 3
-            r = 1.0 / sqrt(y[k] * y[k] + y[k + 1] * y[k + 1] + y[k + 2] * y[k + 2] + y[k + 3] * y[k + 3])
-            for i in range(4):
-                y[k + i] = y[k + i] * r
+            unit_quaternion(y, start + 7 * base + 3)
+
+
+@inline
+def unit_quaternion(y, k):
+    """Bring the quaternion y[k : k + 4] back to length 1."""
+    r = 1.0 / sqrt(y[k] * y[k] + y[k + 1] * y[k + 1] + y[k + 2] * y[k + 2] + y[k + 3] * y[k + 3])
+    for i in range(4):
+        y[k + i] = y[k + i] * r

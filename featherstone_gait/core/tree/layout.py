@@ -4,7 +4,8 @@ Constants of a robot are one record per body (`BODY`), in an order where parents
 fixed base or the floating base itself, so that no loop asks whether it is at the root.
 
 Spatial vectors are [angular; linear], all in one common frame: world axes, origin at the robot's base.  Each body's
-own frame is chosen so that its joint turns about, or slides along, z.
+own frame is chosen so that its joint turns about, or slides along, z.  A joint of several degrees of freedom has a row
+for each, all but the last without mass.
 """
 
 from typing import NamedTuple
@@ -19,17 +20,23 @@ from ..compile.structure import record, structure
 BODY = record(
     parent=int,  # row of the parent
     dof=int,  # index of the joint's coordinate among the joints
-    prismatic=int,  # 1 = slides along z, 0 = turns about z; read by joint.py alone
+    kind=int,  # of the joint: REVOLUTE ...; read by joint.py alone
+    ball=int,  # of a row of a ball joint: which of the quaternions is the joint's
+    carrier=int,  # row whose velocity carries the joint's axis: the parent, of a ball joint's rows that of the first
     leaf=int,  # 1 = has no children
     last=int,  # 1 = visited first among its siblings on the way back to the root
     slot=int,  # workspace row in which the children's inertias and forces are summed
     contact=int,  # workspace row in which the body's contacts are summed; 0 = has no contact points
     E=(float, 9),  # rotation body -> parent frame at zero, row by row
     r=(float, 3),  # origin of the body frame in the parent frame at zero [m]
+    pitch=float,  # of a screw joint: how far it slides [m/rad]
     m=float,  # mass [kg]
     c=(float, 3),  # center of mass, body frame [m]
     J=(float, 6),  # inertia xx xy xz yy yz zz about the center of mass, body frame [kg m^2]
 )
+
+# Kinds of joints.  A ball joint is three rows, about the child's x, y and z, of which the first has its orientation.
+REVOLUTE, PRISMATIC, SCREW, BALL, BALL_AXIS = range(5)
 
 # Columns of a body's row in the workspace `W`.
 R = 0  # 9: rotation body -> world, row by row
@@ -71,3 +78,4 @@ class Motion(NamedTuple):
     q: np.ndarray  # (n,) [rad or m]
     qd: np.ndarray  # (n,) [rad/s or m/s]
     qdd: np.ndarray | None  # (n,) [rad/s^2 or m/s^2]; None: zero
+    ball_q: np.ndarray | None = None  # (4 balls,) quaternions w x y z child -> parent; None: no ball joints

@@ -13,6 +13,7 @@ from ...core.effects.ground import Plane
 from ...core.effects.mipsd_servo import MipsdServo
 from ...core.effects.rigid_servo import RigidServo
 from ...core.effects.touch import Spheres
+from ...core.tree.layout import PRISMATIC
 from ...scene.compile import CompiledScene
 from ...scene.records import records
 from .engine import Engine
@@ -45,7 +46,9 @@ def _check(scene: CompiledScene, welded: Sequence[str]) -> None:
     c, name = scene.constants, scene.model.name
     contact = c.contact
     lacking = {
-        "a joint that slides": any(body.prismatic for body in c.tree[1:]),
+        "a joint that slides": any(body.kind == PRISMATIC for body in c.tree[1:]),
+        "a ball joint": c.balls is not None,
+        "a screw joint": any(body.pitch != 0.0 for body in c.tree[1:]),
         "joints that follow others": c.coupling is not None,
         "inertia of a rotor or armature on a joint": c.armature is not None,
         f"{scene.gearbox} servos": c.actuator is not None and not isinstance(c.actuator, RigidServo | MipsdServo),

@@ -21,9 +21,6 @@ def refusals(m: Any, names: Tree) -> Iterator[str]:
     """Yield why a compiled file cannot be a Model, all reasons at once."""
     if m.nbody == 1:
         yield "there is no <body>; a robot needs one or more: add them to <worldbody>"
-    balls = [names.joint_names[j] for j in range(m.njnt) if m.jnt_type[j] == BALL and names.holds(m, m.jnt_bodyid[j])]
-    if balls:
-        yield f"ball joints {quoted(balls)} are not supported; replace each by three hinges"
     yield from equalities.refusals(m, names.joint_names, [names.holds(m, b) for b in range(m.nbody)])
     if m.nflex:
         yield f"{m.nflex} flexible bodies <flex>; only rigid ones are simulated: remove them"
@@ -46,6 +43,7 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     yield from _tendons(m)
     yield from _nonlinear(m, tree)
     yield from _free_joint(m)
+    yield from _ball_joints(m, tree)
     yield from _switched_off(m)
     uneven = [tree.joint_names[j] for j in range(m.njnt) if m.jnt_actfrclimited[j] and m.jnt_actfrcrange[j].sum()]
     if uneven:
@@ -69,6 +67,18 @@ def _nonlinear(m: Any, tree: Tree) -> Iterator[str]:
         if joints and not (what != "nonlinear damping" and m.opt.disableflags & NO_SPRINGS):
             names = quoted([tree.joint_names[j] for j in joints])
             yield f"ignored the {what} of joints {names}: only linear springs and dampers are supported"
+
+
+def _ball_joints(m: Any, tree: Tree) -> Iterator[str]:
+    """Yield what ball joints have that is left out."""
+    own = [j for j in range(m.njnt) if m.jnt_type[j] == BALL and tree.holds(m, int(m.jnt_bodyid[j]))]
+    parts = {
+        "limits": [j for j in own if m.jnt_limited[j] and not m.opt.disableflags & (NO_LIMITS | NO_CONSTRAINTS)],
+        "springs": [j for j in own if m.jnt_stiffness[j] and not m.opt.disableflags & NO_SPRINGS],
+    }
+    for what, joints in parts.items():
+        if joints:
+            yield f"ignored the {what} of ball joints {quoted([tree.joint_names[j] for j in joints])}: not supported"
 
 
 def _switched_off(m: Any) -> Iterator[str]:

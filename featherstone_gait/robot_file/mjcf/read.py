@@ -20,7 +20,7 @@ from .causes import doubts, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
 from .sizes import check_sizes, documents_of
 from .touching import collisions, links_apart, paired_geoms, read_touching
-from .tree import Tree, read_shapes, read_tree
+from .tree import BALL, Tree, read_shapes, read_tree
 
 NAMELESS = "MuJoCo Model"  # what MuJoCo calls a file without a name
 LINE = re.compile(r"line \d+")  # 0 of what is included
@@ -126,8 +126,11 @@ def postures_of(m: Any, tree: Tree) -> dict[str, Posture]:
 
 def _posture(m: Any, tree: Tree, q: np.ndarray) -> Posture:
     own = {joint.name for joint in tree.joints}
-    single = [j for j in range(m.njnt) if tree.joint_names[j] in own]
-    joints = {tree.joint_names[j]: float(q[m.jnt_qposadr[j]]) for j in single}
+    joints: dict[str, Any] = {}
+    for j in range(m.njnt):
+        at = m.jnt_qposadr[j]
+        if tree.joint_names[j] in own:
+            joints[tree.joint_names[j]] = tuple(q[at : at + 4].tolist()) if m.jnt_type[j] == BALL else float(q[at])
     base = [*m.body_pos[tree.root].tolist(), *m.body_quat[tree.root].tolist()]
     if tree.root and m.body_jntnum[tree.root]:
         start = m.jnt_qposadr[m.body_jntadr[tree.root]]

@@ -167,7 +167,7 @@ def _chain(
     moving = [j for j in own if m.jnt_type[j] != FREE]  # of a base that is to be fixed
     for j in moving:
         offset, E_back = _step(m, j, anchor)
-        anchor = m.jnt_pos[j] if m.jnt_type[j] == HINGE else anchor
+        anchor = m.jnt_pos[j] if m.jnt_type[j] in (HINGE, BALL) else anchor
         last = j == moving[-1] and not anchor.any()
         child = bodies[b] if last else unused(f"{bodies[b]}_{names[j]}", bodies)
         chain.append(_joint(m, j, names[j], parent, child, r + applied(E, offset), product(E, E_back)))
@@ -181,6 +181,8 @@ def _chain(
 def _step(m: Any, j: int, anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return offset (3,) and rotation (3, 3) from the last anchor to a joint's frame at zero, in body axes."""
     reference = float(m.qpos0[m.jnt_qposadr[j]])
+    if m.jnt_type[j] == BALL:
+        return m.jnt_pos[j] - anchor, np.eye(3)
     if m.jnt_type[j] == SLIDE:
         return -reference * m.jnt_axis[j], np.eye(3)
     return m.jnt_pos[j] - anchor, rotation_about(m.jnt_axis[j], -reference) if reference else np.eye(3)
@@ -189,6 +191,14 @@ def _step(m: Any, j: int, anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E: np.ndarray) -> Joint:
     dof, limited = m.jnt_dofadr[j], bool(m.jnt_limited[j])
     lower, upper = (float(x) if limited and abs(x) < NO_STOP else s * np.inf for x, s in zip(m.jnt_range[j], (-1, 1)))
+    common: dict[str, Any] = {
+        "effort": float(np.abs(m.jnt_actfrcrange[j]).max()) if m.jnt_actfrclimited[j] else np.inf,
+        "damping": float(m.dof_damping[dof]),
+        "friction": float(m.dof_frictionloss[dof]),
+        "armature": float(m.dof_armature[dof]),
+    }
+    if m.jnt_type[j] == BALL:
+        return Joint(name, "ball", parent, child, vector(r), rpy_from_rotation(E), **common)
     return Joint(
         name,
         "prismatic" if m.jnt_type[j] == SLIDE else "revolute" if limited else "continuous",
@@ -199,10 +209,7 @@ def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E:
         vector(m.jnt_axis[j]),
         lower=lower,
         upper=upper,
-        effort=float(np.abs(m.jnt_actfrcrange[j]).max()) if m.jnt_actfrclimited[j] else np.inf,
-        damping=float(m.dof_damping[dof]),
-        friction=float(m.dof_frictionloss[dof]),
-        armature=float(m.dof_armature[dof]),
+        **common,
         **_spring(m, j),
     )
 

@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike
 
 from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_from_rpy, rpy_from_rotation
-from ...model import Ground, Joint, Link, Model, Placement, RigidBody, depth_first, inertia_matrix, rigid_bodies
-from ...model.rigid_bodies import held_frame
+from ...model import Ground, Joint, Link, Model, Placement, RigidBody, inertia_matrix, rigid_bodies
+from ...model.degrees import degrees_of, written_degrees
+from ...model.rigid_bodies import depth_first_joints, held_frame
 from ..markup import comment, element
 from ..urdf import TRIANGLE_TOLERANCE
 from .tree import NO_STOP, WORLD, unused
@@ -91,6 +92,12 @@ def _remarks(model: Model, ground: Ground | None) -> list[str]:
 def _check_bodies(model: Model) -> None:
     """Refuse massless bodies that are no plain link between two joints."""
     folded = {link.name for link in model.links if _is_frame(model, link.name)}
+    folded |= {link.name for link in model.degrees.between}
+    screws = [joint.name for joint in model.moving_joints if joint.type == "screw"]
+    if screws:
+        raise ValueError(
+            f"joint {screws[0]!r}: MJCF knows no screw joint; write .urdf, or a slide that follows a hinge"
+        )
     for body in rigid_bodies(model)[0][1:]:
         if body.mass == 0 and not set(body.links) <= folded:
             raise ValueError(
@@ -119,18 +126,23 @@ def _inside(model: Model, link: str, inertias: Inertials) -> list[str]:
 
 def _child_lines(model: Model, joint: Joint, inertias: Inertials) -> list[str]:
     """Write the body at the end of a joint, or of a chain of joints between massless links."""
-    chain = [joint]
-    while chain[-1].name in model.joint_rows and _is_frame(model, chain[-1].child):
-        chain.append(next(j for j in model.joints if j.parent == chain[-1].child))
+    chain = written_degrees(joint)
+    while _moves(model, chain[-1]) and _is_frame(model, chain[-1].child):
+        chain += written_degrees(next(j for j in model.joints if j.parent == chain[-1].child))
     poses = _poses(model, chain)
     E, r = poses[-1]
-    plain = len(chain) == 1 and joint.name not in model.held
+    plain = len(chain) == 1 and not any(one.name in model.held for one in degrees_of(chain).joints)
     xyz, rpy = (joint.xyz, joint.rpy) if plain else (r, rpy_from_rotation(E))
-    moving = [(j, pose) for j, pose in zip(chain, poses) if j.name in model.joint_rows]
+    moving = [(j, pose) for j, pose in zip(chain, poses) if _moves(model, j)]
     joints = [line for j, pose in moving for line in _joint_lines(model, j, pose, poses[-1])]
     link = chain[-1].child
     attributes = {"name": _body_name(model, link), "pos": xyz, "euler": rpy, "gravcomp": _borne(model, link)}
     return element("body", attributes, [*joints, *_inside(model, link, inertias)])
+
+
+def _moves(model: Model, joint: Joint) -> bool:
+    """Return whether a joint that MJCF can state has coordinates."""
+    return (f"{joint.name}.rx" if joint.type == "ball" else joint.name) in model.joint_rows
 
 
 def _exclude_lines(model: Model) -> list[str]:
@@ -162,7 +174,7 @@ def _is_frame(model: Model, name: str) -> bool:
     ends = [joint for joint in model.joints if name in (joint.parent, joint.child)]
     carries = {shape.link for shape in model.shapes} | {point.link for point in model.contacts}
     plain = link.mass == 0 and not any(link.inertia) and name != model.root and name not in carries
-    return plain and len(ends) == 2 and all(joint.name in model.joint_rows for joint in ends)
+    return plain and len(ends) == 2 and all(_moves(model, one) for joint in ends for one in written_degrees(joint))
 
 
 def _poses(model: Model, chain: list[Joint]) -> list[Pose]:
@@ -186,9 +198,9 @@ def _joint_lines(model: Model, joint: Joint, at: Pose, body: Pose) -> list[str]:
     effort = max(joint.effort, LEAST_EFFORT)
     attributes = {
         "name": joint.name,
-        "type": "slide" if joint.type == "prismatic" else "hinge",
+        "type": {"prismatic": "slide", "ball": "ball"}.get(joint.type, "hinge"),
         "pos": anchor if anchor.any() else None,
-        "axis": axis,
+        "axis": None if joint.type == "ball" else axis,
         "range": (max(joint.lower, -NO_STOP), min(joint.upper, NO_STOP)) if limited else None,
         "armature": armature or None,
         "damping": damping or None,
@@ -202,8 +214,10 @@ def _joint_lines(model: Model, joint: Joint, at: Pose, body: Pose) -> list[str]:
 
 def _key_lines(model: Model) -> list[str]:
     """Write the keyframes; MuJoCo orders joints depth first."""
-    first = model.nq - len(model.joint_names)
-    order = [*range(first), *(model.q_index(j.name) for j in depth_first(model) if j.name in model.joint_rows)]
+    first = model.base_positions
+    places = dict(zip(model.joint_names, model.position_slices))
+    degrees = [j.name for j in depth_first_joints(model.root, model.degrees.joints) if j.name in places]
+    order = [*range(first), *(k for name in degrees for k in range(places[name].start, places[name].stop))]
     keys = ({"name": name, "qpos": [q[k] for k in order]} for name, q in model.keyframes.items())
     return [line for key in keys for line in element("key", key)]
 
@@ -216,7 +230,7 @@ def _inertials(model: Model) -> tuple[Inertials, list[str]]:
 
     Raises ValueError for moving bodies with an inertia that no rigid body has.
     """
-    links = {link.name: link for link in model.links}
+    links = {link.name: link for link in model.links + model.degrees.between}
     bodies, placements = rigid_bodies(model)
     lines: Inertials = {}
     remarks: dict[str, list[str]] = {}
