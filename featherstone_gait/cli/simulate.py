@@ -127,7 +127,7 @@ def _experiment(scene: CompiledScene, rtol: float | None) -> tuple[str, Callable
     from ..scene.contact import standing_height
 
     model, reference = scene.model, None
-    home = nearest_posture(model)[model.base_positions :]
+    home = model.single_positions(nearest_posture(model))
     if scene.ground is not None:
         q, where = _standing(model, home)
         q[2] = standing_height(model, scene.ground, q)
@@ -157,12 +157,13 @@ def _standing(model: Model, home: np.ndarray) -> tuple[np.ndarray, str]:
     """Choose the posture (nq,) of a robot on the ground, over the origin, and say where the joints are."""
     import numpy as np
 
+    from ..model.numpy_dynamics import at_joints
     from ..model.rest_posture import standing_keyframe
 
     q = standing_keyframe(model)
     if q is not None:
         return np.array([0.0, 0.0, *q[2:]]), "as in its keyframe"
-    return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *home]), _where(home)
+    return at_joints(model, home), _where(home)
 
 
 def _where(home: np.ndarray) -> str:
@@ -170,23 +171,38 @@ def _where(home: np.ndarray) -> str:
 
 
 def _swinging(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[np.ndarray, str]:
-    """Choose the start: the first joint, if it is revolute, at `angle` or its limit, the others at home."""
+    """Choose the start: the first joint, if it turns, at `angle` or its limit, the others at home."""
     import numpy as np
 
     from ..dynamics import forward_dynamics
+
+    model, still, posture = scene.model, np.zeros(scene.model.nv), f"all joints {_where(home)}"
+    if not model.moving_joints or model.moving_joints[0].type == "prismatic":
+        return _first_at(scene, home, None), posture
+    joint = model.moving_joints[0]
+    first = min(max(angle, joint.lower), joint.upper)
+    q = _first_at(scene, home, first)
+    if model.base == "fixed" and np.abs(forward_dynamics(model, q, still, still)).max() < AT_REST:
+        first = min(max(0.5 * angle, joint.lower), joint.upper)  # it would not move from upright
+        q = _first_at(scene, home, first)
+    posture = f"{joint.name} at {math.degrees(first):.4g} deg, all others {_where(home)}"
+    if scene.tree.coupling is not None and (model.single_positions(q)[1:] != home[1:]).any():
+        posture += " or as they follow others"
+    return q, posture
+
+
+def _first_at(scene: CompiledScene, home: np.ndarray, angle: float | None) -> np.ndarray:
+    """Return q (nq,) with the first joint at an angle [rad], a ball joint turned by it about x, the others at home."""
+    from ..model.numpy_dynamics import at_joints
     from ..scene.tree import followed
 
-    model, q, posture = scene.model, home.copy(), f"all joints {_where(home)}"
-    if model.moving_joints and model.moving_joints[0].type != "prismatic":
-        joint = model.moving_joints[0]
-        q[0] = min(max(angle, joint.lower), joint.upper)
-        if model.base == "fixed" and np.abs(forward_dynamics(model, q, 0 * q, 0 * q)).max() < AT_REST:
-            q[0] = min(max(0.5 * angle, joint.lower), joint.upper)  # it would not move from upright
-        posture = f"{joint.name} at {math.degrees(q[0]):.4g} deg, all others {_where(home)}"
-    home, q = q, followed(scene.tree.coupling, q)
-    if (q != home).any():
-        posture += " or as they follow others"
-    return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q] if model.base == "floating" else q), posture
+    joints = home.copy()
+    if angle is not None and scene.model.moving_joints[0].type != "ball":
+        joints[0] = angle
+    q = at_joints(scene.model, followed(scene.tree.coupling, joints))
+    if angle is not None and scene.model.moving_joints[0].type == "ball":
+        q[scene.model.position_slices[0]] = math.cos(0.5 * angle), math.sin(0.5 * angle), 0.0, 0.0
+    return q
 
 
 def _measures(scene: CompiledScene, trajectory: Trajectory) -> dict[str, Any]:

@@ -8,8 +8,9 @@ Pinocchio                    x y z, qx qy qz qw     v in body axes, omega in bod
 Drake                        qw qx qy qz, x y z     omega in world axes, v in world axes
 ===========================  =====================  ======================================================
 
-v is the velocity of the origin of the base's frame.  The coordinates of the joints follow, unchanged and in the order
-of `Model.joint_names`; an engine may list them in another order.  For a fixed base all four agree.
+v is the velocity of the origin of the base's frame.  The coordinates of the joints follow in the order of
+`Model.joint_names`; an engine may list them in another order.  Quaternions of ball joints are w x y z, in Pinocchio
+x y z w; their rates are angular velocities in the child's axes.  For a fixed base without ball joints all four agree.
 """
 
 from __future__ import annotations
@@ -72,6 +73,7 @@ def to_engine(engine: Engine, model: Model, q: ArrayLike, qd: ArrayLike) -> tupl
         For an unknown engine, wrong shapes and values that are not finite.
     """
     law, q, qd = _checked(engine, model, q, "qd", qd)
+    q = _balls(engine, model, q, [1, 2, 3, 0])
     if model.base == "fixed":
         return q, qd
     R = _rotation(q[..., 3:7])
@@ -109,6 +111,7 @@ def from_engine(engine: Engine, model: Model, q: ArrayLike, v: ArrayLike) -> tup
         For an unknown engine, wrong shapes and values that are not finite.
     """
     law, q, v = _checked(engine, model, q, "v", v)
+    q = _balls(engine, model, q, [3, 0, 1, 2])
     if model.base == "fixed":
         return q, v
     q = np.concatenate([q[..., np.argsort(law.q)], q[..., 7:]], axis=-1)
@@ -119,6 +122,14 @@ def from_engine(engine: Engine, model: Model, q: ArrayLike, v: ArrayLike) -> tup
     if law.angular_axes == "world":
         angular = applied(R.swapaxes(-1, -2), angular)
     return q, np.concatenate([linear, angular, v[..., 6:]], axis=-1)
+
+
+def _balls(engine: str, model: Model, q: np.ndarray, order: list[int]) -> np.ndarray:
+    """Write the quaternions of ball joints in another order, if the engine has one: Pinocchio's is x y z w."""
+    for k in model.balls if engine == "pinocchio" else ():
+        place = model.position_slices[k]
+        q[..., place] = q[..., place][..., order]
+    return q
 
 
 def _checked(

@@ -25,7 +25,7 @@ from ..base.fixed_order import applied, product, solve, total
 from ..base.rotation import cross, dot, rotation_from_rpy
 from ..core.compile.elementary import NEAR
 from ..model import Joint, Model
-from ..model.numpy_dynamics import zero_position
+from ..model.numpy_dynamics import at_joints
 from .algorithms import Poses, check_model, forward_kinematics
 from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, point_at
 
@@ -368,10 +368,7 @@ def _start(task: _Task, q0: ArrayLike | None) -> np.ndarray:
     """Return positions (nq,) to start from, within the limits, with a base quaternion of length 1."""
     model = task.model
     if q0 is None:
-        q0 = zero_position(model)
-        for place, joint in zip(model.position_slices, model.moving_joints):
-            if joint.type != "ball":
-                q0[place] = _middle(joint)
+        q0 = at_joints(model, [_middle(joint) for joint in model.moving_joints])
     q = np.array(finite(f"{model.name}: q0", q0, (model.nq,)))
     forward_kinematics(model, q)  # checks the numbers
     if model.base == "floating":

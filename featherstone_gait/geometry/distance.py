@@ -148,7 +148,16 @@ def _apart(model: Model) -> list[tuple[int, int]]:
     """Find the pairs of shapes whose bodies are neither the same, neighbors nor excluded; fields have no distance."""
     bodies, placements = rigid_bodies(model)
     rows = [placements[shape.link].row for shape in model.shapes]
-    near = {(row, row) for row in range(len(bodies))} | {(body.frame.parent, k) for k, body in enumerate(bodies)}
+    between = {link.name for link in model.degrees.between}
+
+    def carrier(row: int) -> int:
+        """Return the row itself, or of a body between the degrees of a joint the body that carries the joint."""
+        while between.issuperset(bodies[row].links):
+            row = bodies[row].frame.parent
+        return row
+
+    near = {(row, row) for row in range(len(bodies))}
+    near |= {(carrier(body.frame.parent), k) for k, body in enumerate(bodies)}
     every = ((a, b) for b in range(len(rows)) for a in range(b))
     solid = [not isinstance(shape.geometry, HeightField) for shape in model.shapes]
     links, never = [shape.link for shape in model.shapes], {frozenset(pair) for pair in model.excluded}

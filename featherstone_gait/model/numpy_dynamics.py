@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -79,6 +80,12 @@ def regular_posture(model: Model) -> np.ndarray:
     tried = (_positions(model, q), *postures(bodies, model.couplings, keyframes))
     at = next((at for at in tried if not flaws_at(bodies, floating, at)[0]), tried[0])
     joints = at[1:][np.argsort(_coordinates(model), kind="stable")]
+    return at_joints(model, joints)
+
+
+def at_joints(model: Model, joints: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Return q (nq,) with the degrees at these positions (n,) [rad or m]; the base and ball joints do not turn."""
+    q = zero_position(model)
     for place, joint, position in zip(model.position_slices, model.moving_joints, joints):
         if joint.type != "ball":
             q[place] = position

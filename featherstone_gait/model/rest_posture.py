@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.arguments import instance
 from .links import Joint, leader_of
-from .numpy_dynamics import zero_position
+from .numpy_dynamics import at_joints
 from .robot import Model
 
 ROUNDING = 1e-12  # of a position [rad or m]
@@ -38,11 +38,8 @@ def nearest_posture(model: Model) -> np.ndarray:
         Positions q (nq,) [m, -, rad or m]; a floating base is at the origin and upright.
     """
     instance("model", model, Model, "give what load_robot returns")
-    at, q = nearest_positions(model.degrees.joints, model.locked), zero_position(model)
-    for place, joint in zip(model.position_slices, model.moving_joints):
-        if joint.type != "ball":
-            q[place] = at[joint.name]
-    return q
+    at = nearest_positions(model.degrees.joints, model.locked)
+    return at_joints(model, [at[name] for name in model.joint_names])
 
 
 def nearest_positions(joints: Iterable[Joint], locked: Mapping[str, float] | None = None) -> dict[str, float]:

@@ -25,7 +25,7 @@ from ..base.brief import clipped
 from ..base.deprecated import method
 from ..base.flaws import FlawError, quoted
 from .checks import check, choice_flaws, name_flaws, vector_flaws
-from .degrees import Degrees, degrees_of, widths
+from .degrees import Degrees, ball_name, degrees_of, widths
 from .ground import ContactPoint
 from .links import Joint, Link, leader_of
 from .mass_checks import by_body, indefinite_flaws
@@ -246,7 +246,7 @@ class Model:
         """Names of the joints' numbers in q: of a joint, or `joint.qw` to `joint.qz` of a ball joint's quaternion."""
         names: list[str] = []
         for joint, place in zip(self.moving_joints, self.position_slices):
-            several = [f"{joint.name[:-3]}.q{label}" for label in "wxyz"]
+            several = [f"{ball_name(joint)}.q{label}" for label in "wxyz"]
             names += {1: [joint.name], 4: several}.get(place.stop - place.start, [])
         return tuple(names)
 

@@ -15,6 +15,7 @@ from ..core.integrate.adaptive import PROGRESS, STALLED
 from ..core.step import pace
 from ..core.step.context import Plan
 from ..dynamics import center_of_mass
+from ..model import Model
 from ..scene.compile import CompiledScene
 from ..scene.contact import over_ground
 from ..scene.forest import shares
@@ -59,7 +60,7 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
     }
     if scene.members:
         info["members"] = {
-            member.name: share | {"robot": member.model.name, "joints_of": list(member.model.joint_names)}
+            member.name: share | _names(member.model)
             for member, share in zip(scene.members, shares(scene.members).values())
         }
     if scene.pairs:
@@ -119,6 +120,12 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
         joint = scene.model.joint_names[int(speeds.argmax())]
         message += f"; in the last sound state the fastest joint was {joint} at {speeds.max():.3g} rad/s or m/s"
     return Outcome(status, message, end)
+
+
+def _names(model: Model) -> dict[str, Any]:
+    """Return the names of a robot, its joints and, where it has ball joints, its positions."""
+    positions = {"positions_of": list(model.position_names)} if model.balls else {}
+    return {"robot": model.name, "joints_of": list(model.joint_names), **positions}
 
 
 def _crowded(scene: CompiledScene, y: np.ndarray) -> str:

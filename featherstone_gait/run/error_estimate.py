@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..core.effects.energies import ENERGIES
 from ..core.step import pace
-from ..scene.channels import unit_of
+from ..scene.channels import joint_labels, unit_of
 from ..scene.compile import CompiledScene
 from ..scene.external import Push
 from ..scene.friction import widened
@@ -246,7 +246,9 @@ def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
     if name.startswith("base") and "members" in run.info:
         member, number = divmod(column, run[name].shape[-1])
         what = f"{[*run.info['members']][member]}, number {number},"
-    if name in ("q", "qd"):
+    if name == "q" and "positions" in run.info:
+        what = joint_labels(run.info, name)[column]
+    elif name in ("q", "qd"):
         what, unit = run.info["joints"][column], unit_of(name, run.info.get("joint_types", ())[column : column + 1])
     finer = f"rtol than {run.info['rtol']:g}" if "rtol" in run.info else f"timestep than {run.info['timestep']:g} s"
     far = errors[column]

@@ -48,7 +48,8 @@ class View:
             if len(part) and (np.diff(part) == 1).all():  # a view costs less than a choice
                 part = slice(int(part[0]), int(part[-1]) + 1)
             self._copies.append(group.reader(part, self._values))
-        plain = self._sensor is None and BY_NAME[name].kind != "computed"
+        turning = name == "q" and fleet.runs[0].scene.tree.balls is not None  # quaternions stand elsewhere
+        plain = self._sensor is None and BY_NAME[name].kind != "computed" and not turning
         self._shaped = shaped(BY_NAME[name], self._values) if plain else None
         self._result: Any = None
 

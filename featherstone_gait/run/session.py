@@ -256,17 +256,22 @@ class Session:
             who = self._mask(mask)
             name = current_name(name)
             one_of("name", name, coordinates(self.scene))
-            first, end = self.scene.part(name)
-            given = floats(name, values, f"give numbers of shape ({self.n}, {end - first})")
-            if given.shape != (self.n, end - first) or not (np.abs(given[who]) <= 1e50).all():
-                raise ValueError(f"{name} has the shape {given.shape}; give ({self.n}, {end - first}) finite numbers")
+            whole_q = name == "q" and self.scene.tree.balls is not None
+            width = len(self.scene.model.position_names) if whole_q else np.ptp(self.scene.part(name))
+            given = floats(name, values, f"give numbers of shape ({self.n}, {width})")
+            if given.shape != (self.n, width) or not (np.abs(given[who]) <= 1e50).all():
+                raise ValueError(f"{name} has the shape {given.shape}; give ({self.n}, {width}) finite numbers")
+            split = self.scene.tree.split_positions(given) if whole_q else (given,)
             for fleet in self._fleets:
-                states, part = fleet.states(), slice(*fleet.runs[0].scene.part(name))
-                states[:, part] = given
+                states, scene = fleet.states(), fleet.runs[0].scene
+                parts = [slice(*scene.part(one)) for one in (name, "ball_q")[: len(split)]]
+                for part, numbers in zip(parts, split):
+                    states[:, part] = numbers
                 for robot in np.flatnonzero(who).tolist():
                     fleet.runs[robot].start(states[robot])
                 for group in fleet.groups:
-                    group.write_state(who, states, part)
+                    for part in parts:
+                        group.write_state(who, states, part)
             return self._observed()
 
     def step(self, action: ArrayLike | None = None, ticks: int = 1) -> Observation:

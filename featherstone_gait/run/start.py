@@ -19,7 +19,8 @@ from ..core.step import pace
 from ..core.step.signals import Knots
 from ..model import Model
 from ..model.composite import TOLERANCE
-from ..model.numpy_dynamics import what_is_loose, with_quaternions, zero_position
+from ..model.degrees import ball_name
+from ..model.numpy_dynamics import at_joints, what_is_loose, with_quaternions
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from ..scene.forest import Member, state_index
@@ -96,18 +97,14 @@ def initial_state(
         view.base_q[3:] /= math.sqrt(total(q[3:7] * q[3:7]))
     for ball, dof in zip(view.ball_q, model.balls):
         turned = q[model.position_slices[dof]]
-        check_unit(f"{model.name}: q of ball joint {model.joint_names[dof][:-3]!r}", turned, SHORTEST, LONGEST)
+        check_unit(f"{model.name}: q of ball joint {ball_name(model.moving_joints[dof])!r}", turned, SHORTEST, LONGEST)
         ball[:] = turned / math.sqrt(total(turned * turned))
     return y
 
 
 def _default(model: Model, scene: CompiledScene) -> np.ndarray:
     """Return the positions (nq,) at zero, with followers where their leaders put them."""
-    q, joints = zero_position(model), followed(scene.tree.coupling, np.zeros(scene.tree.n))
-    for place, joint, position in zip(model.position_slices, model.moving_joints, joints):
-        if joint.type != "ball":
-            q[place] = position
-    return q
+    return at_joints(model, followed(scene.tree.coupling, np.zeros(scene.tree.n)))
 
 
 def _of_members(scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bool) -> np.ndarray:
@@ -194,8 +191,7 @@ def standing_state(scene: CompiledScene, angles: ArrayLike, allow_limit_violatio
     model = scene.model
     if model.base != "floating" or scene.ground is None:
         raise ValueError(f"{model.name}: only a floating robot over ground stands; its base is {model.base}")
-    if model.balls:
-        raise ValueError(f"{model.name}: standing_state knows no ball joints; give q to initial_state")
+    check_no_balls(scene, "standing_state")
     q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *vector("angles", angles, scene.tree.n)])
     q[2] = standing_height(model, scene.ground, q)
     return initial_state(scene, q, allow_limit_violation=allow_limit_violation)
@@ -214,6 +210,16 @@ def check_one(scene: CompiledScene, what: str) -> None:
         raise ValueError(
             f"{scene.model.name}: {what} is of one robot alone; take that of one member, "
             f"scene.member({name!r}).scene, and its run, run[{name!r}]"
+        )
+
+
+def check_no_balls(scene: CompiledScene, what: str) -> None:
+    """Raise ValueError for a robot with ball joints, whose orientations `what` does not know."""
+    if scene.tree.balls is not None:
+        names = ", ".join(ball_name(scene.model.moving_joints[k]) for k in scene.model.balls)
+        raise ValueError(
+            f"{scene.model.name}: {what} knows no ball joints, and {names} are some; make them universal joints with "
+            "a continuous one, or lock them"
         )
 
 

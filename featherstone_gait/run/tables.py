@@ -13,7 +13,7 @@ import numpy as np
 
 from ..base.files import FilePath, complete
 from ..core.step.state import BY_NAME
-from ..scene.channels import unit_of
+from ..scene.channels import joint_labels, unit_of
 from .contacts import by_pair
 
 OF_JOINTS = ("joint", "servo", "rotor", "profile", "fed")
@@ -106,12 +106,12 @@ def _types(run: Any) -> list[str]:
 
 def _axes(run: Any) -> dict[str, list[tuple[str, list[str]]]]:
     """Name and label each axis of each channel after the time."""
-    joints, axes = run.info.get("joints") or [], {}
+    axes: dict[str, list[tuple[str, list[str]]]] = {}
     for name, values in run.items():
         if name != "time":
             found = by_pair(run.channels, run.info, name)
             shape = (values if found is None else found.values).shape[1:]
-            axes[name] = _axes_of(name, shape, run.info.get("positions", joints) if name == "q" else joints)
+            axes[name] = _axes_of(name, shape, joint_labels(run.info, name), joint_labels(run.info, ""))
             if found is not None:
                 axes[name][0] = ("pair_of_links", found.labels)
     return axes
@@ -123,12 +123,13 @@ def _by_pairs(run: Any) -> dict[str, np.ndarray]:
     return dict(run.items()) | {name: table.values for name, table in tables if table is not None}
 
 
-def _axes_of(name: str, shape: tuple[int, ...], joints: list[str]) -> list[tuple[str, list[str]]]:
+def _axes_of(name: str, shape: tuple[int, ...], joints: list[str], whole: list[str]) -> list[tuple[str, list[str]]]:
+    """Name and label the axes after the time; joints: of the numbers of this channel, whole: of all others."""
     channel, axes = BY_NAME.get(name), []
     for k, size in enumerate(shape):
         axis, labels = f"{name}_{k}", [str(number) for number in range(size)]
         if channel is not None and channel.of in OF_JOINTS and k == 0 and size == len(joints):
-            axis, labels = "position" if name == "q" and any("." in one for one in joints) else "joint", list(joints)
+            axis, labels = "joint" if joints == whole else "position", list(joints)
         elif channel is not None and channel.of in ("point", "slot", "turning") and k == 0:
             axis = channel.of if len(shape) > 1 or channel.width == 1 else axis
         elif channel is not None and size == len(channel.labels):

@@ -109,6 +109,8 @@ class Trajectory(Mapping[str, np.ndarray]):
         first, end = share["joints"]
         info = {key: value for key, value in self.info.items() if key not in ("members", "pairs")}
         info |= {"robot": share["robot"], "joints": share["joints_of"], "joint_types": info["joint_types"][first:end]}
+        info.pop("positions", None)
+        info |= {"positions": share["positions_of"]} if "positions_of" in share else {}
         channels = {key: values for key, values in _own(self.channels, share).items()}
         errors = None if self.error is None else _own(self.error, share)
         parts, indices = _own_parts(self.parts, share)

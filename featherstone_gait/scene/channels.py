@@ -48,7 +48,10 @@ def channel_table() -> str:
 
 def unit_of(name: str, types: Iterable[str]) -> str:
     """Return the unit of a channel whose joints have these types; "A or B" if some turn and some slide."""
+    types = list(types)
     unit, kinds = UNITS.get(name, ""), {kind == "prismatic" for kind in types}
+    if name == "q" and "ball" in types:
+        return "-" if set(types) == {"ball"} else f"{unit} or -"
     turning, _, sliding = unit.partition(" or ")
     if sliding not in OF_SLIDERS or len(kinds) != 1:
         return unit
@@ -68,6 +71,11 @@ def column_of(name: str, label: str) -> int:
         known = ", ".join(labels) or "none, as it is a single number"
         raise ValueError(f"channel {name!r} has no unique label {label!r}; its labels: {known}")
     return labels.index(label)
+
+
+def joint_labels(info: Mapping[str, Any], name: str) -> list[str]:
+    """Return the names of a run's joints, of the channel q those of its numbers; info: of the run."""
+    return list(info.get("positions" if name == "q" and "positions" in info else "joints") or ())
 
 
 Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in forest.py

@@ -17,7 +17,7 @@ from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
 from ..dynamics import deepest_points
 from ..model import ContactPoint, Ground, HeightField, Model
-from ..model.numpy_dynamics import link_poses, mass_center
+from ..model.numpy_dynamics import link_poses, mass_center, zero_position
 from ..model.rest_posture import standing_keyframe
 from .records import fill, records
 from .tree import Tree
@@ -186,8 +186,7 @@ def _standing(model: Model) -> tuple[float, tuple[float, float, float]]:
         up = rotation_from_quaternion(q[3:7])[2]
         q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
         return _heights_along(model, q, [up])[0][0], (float(up[0]), float(up[1]), float(up[2]))
-    q = np.zeros(model.nq)
-    q[3] = 1.0
+    q = zero_position(model)
     axes = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0))
     over = _heights_along(model, q, axes)
     under = [axis for axis, (_, highest) in zip(axes, over) if highest > 0.0]

@@ -15,7 +15,7 @@ from ..model import Model
 from ..run.contacts import by_pair
 from ..run.trajectory import Trajectory
 from ..run.trajectory import positions as positions
-from ..scene.channels import unit_of
+from ..scene.channels import joint_labels, unit_of
 from .recorded import columns_of, lines_of
 from .style import BAD, COLORS, label_ends, look, shown_once
 from .visuals import SIDES_OF, side_of
@@ -128,7 +128,7 @@ def _table(trajectory: Trajectory, name: str) -> _Table:
     if found is not None:
         labels, values = lines_of(found, name)
     else:
-        labels, values = columns_of(name, trajectory[name], trajectory.info.get("joints", ()), summed)
+        labels, values = columns_of(name, trajectory[name], joint_labels(trajectory.info, name), summed)
     units = [unit_of(name, [kind]) for kind in types]
     differ = len(types) == len(labels) and len({*units}) > 1
     return _Table(f"{name} [{unit}]" if unit else name, labels, values, units if differ else [""] * len(labels))

@@ -17,7 +17,7 @@ from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..run.contacts import PairTable, by_pair
 from ..run.sensors import in_world
 from ..run.trajectory import Trajectory, positions
-from ..scene.channels import column_of, unit_of
+from ..scene.channels import column_of, joint_labels, unit_of
 from ..scene.contact import ground_under, plane_axes
 from .visuals import FACES, Body, Piece, bodies, side_of, sided
 
@@ -402,7 +402,9 @@ def _column_table(model: Model, run: Trajectory, name: str, values: np.ndarray) 
         labels, lines = lines_of(found, name)
         return unit, labels, lines[: len(values)]
     summed = channel is not None and channel.unit == "J"
-    return unit, *columns_of(name, values, run.info.get("joints", model.joint_names), summed)
+    known = model.position_names if name == "q" else model.joint_names
+    labels = joint_labels(run.info, name) or list(known)
+    return unit, *columns_of(name, values, labels, summed)
 
 
 def lines_of(table: PairTable, name: str) -> tuple[list[str], np.ndarray]:

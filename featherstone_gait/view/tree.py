@@ -6,6 +6,7 @@ import math
 
 from ..base.arguments import instance
 from ..model import Joint, Model, depth_first
+from ..model.links import COMPOSITE
 
 
 def tree_text(model: Model) -> str:
@@ -43,7 +44,7 @@ def _link(name: str, mass: float) -> str:
 def _what(model: Model, joint: Joint) -> str:
     """Describe a joint: its type, range, and what holds or drives it."""
     parts: list[str] = [joint.type]
-    if joint.type not in ("fixed", "continuous"):
+    if joint.type not in ("fixed", "continuous", *COMPOSITE):
         parts.append(f"{_position(joint, joint.lower, unit=False)} to {_position(joint, joint.upper)}")
     if joint.name in model.locked:
         parts.append(f"locked at {_position(joint, model.locked[joint.name])}")

@@ -5,6 +5,7 @@ import numpy as np
 from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.dynamics.jacobians import link_index
 from featherstone_gait.model import depth_first
+from featherstone_gait.model.degrees import written_degrees
 
 
 def pinocchio_model(model, point=(0.0, 0.0, 0.0)):
@@ -17,11 +18,10 @@ def pinocchio_model(model, point=(0.0, 0.0, 0.0)):
         ids[model.root] = theirs.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
     places = {model.root: pin.SE3.Identity()}
     frames = {}
-    for joint in depth_first(model):
+    for joint in (part for whole in depth_first(model) for part in written_degrees(whole)):
         at = places[joint.parent] * pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz))
-        if joint.name in model.joint_names:
-            kind = pin.JointModelPrismaticUnaligned if joint.type == "prismatic" else pin.JointModelRevoluteUnaligned
-            ids[joint.child] = theirs.addJoint(ids[joint.parent], kind(np.array(joint.axis)), at, joint.name)
+        if joint.name in model.joint_names or joint.type == "ball":
+            ids[joint.child] = theirs.addJoint(ids[joint.parent], _kind(joint), at, joint.name)
             at = pin.SE3.Identity()
         else:
             ids[joint.child] = ids[joint.parent]
@@ -37,17 +37,34 @@ def pinocchio_model(model, point=(0.0, 0.0, 0.0)):
     return theirs, frames
 
 
+def _kind(joint):
+    import pinocchio as pin
+
+    axis = np.array(joint.axis)
+    if joint.type == "ball":
+        return pin.JointModelSpherical()
+    if joint.type == "screw":
+        return pin.JointModelHelicalUnaligned(axis, joint.pitch)
+    return (pin.JointModelPrismaticUnaligned if joint.type == "prismatic" else pin.JointModelRevoluteUnaligned)(axis)
+
+
 def coordinates(theirs, model, q):
     """Pinocchio's q, and the matrix (nv, nv) that makes its velocities of ours.
 
     Its base has the quaternion x y z w and a velocity in its own axes; joints may stand in another order.
     """
-    n = len(model.joint_names)
-    ids = [theirs.joints[theirs.getJointId(name)] for name in model.joint_names]
     p, T = np.zeros(theirs.nq), np.zeros((theirs.nv, model.nv))
     if model.base == "floating":
         p[:7] = q[[0, 1, 2, 4, 5, 6, 3]]
         T[:3, :3], T[3:6, 3:6] = forward_kinematics(model, q).rotation[link_index(model, model.root)].T, np.eye(3)
-    p[[joint.idx_q for joint in ids]] = q[model.nq - n :]
-    T[[joint.idx_v for joint in ids], np.arange(model.nv - n, model.nv)] = 1.0
+    for joint, place in zip(model.moving_joints, model.position_slices):
+        column = model.qd_index(joint.name)
+        if joint.type == "ball" and place.stop == place.start:
+            continue
+        ball = joint.type == "ball"
+        theirs_of = theirs.joints[theirs.getJointId(joint.name[:-3] if ball else joint.name)]
+        x, y, z, w = q[place][[1, 2, 3, 0]] if ball else (q[place.start], 0.0, 0.0, 0.0)
+        p[theirs_of.idx_q : theirs_of.idx_q + theirs_of.nq] = [x, y, z, w][: theirs_of.nq]
+        for k in range(theirs_of.nv):
+            T[theirs_of.idx_v + k, column + k] = 1.0
     return p, T

@@ -18,6 +18,7 @@ from ...base.fixed_order import applied
 from ...base.rotation import rotation_from_rpy
 from ...dynamics import Wrench, energy, forward_dynamics
 from ...model import ContactPoint, Ground, HeightField, Link, Model
+from ...model.numpy_dynamics import zero_position
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
 from ..markup import comment, element
 from .tree import unused
@@ -235,9 +236,7 @@ def _inverse_inertia(model: Model, link: Link) -> float:
 
     A unit impulse e gives the velocities M^-1 J' e, and twice their kinetic energy is e' J M^-1 J' e.
     """
-    q = np.zeros(model.nq)
-    if model.base == "floating":
-        q[3] = 1.0
+    q = zero_position(model)
     armature = np.array([joint.armature + rotor_inertia(model.servos.get(joint.name)) for joint in model.moving_joints])
     still, slack, none = np.zeros(model.nv), np.zeros(len(armature)), (0.0, 0.0, 0.0)
     total = 0.0

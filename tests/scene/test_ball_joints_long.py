@@ -1,0 +1,131 @@
+"""Simulations with ball joints: conservation, order of the integrators, the same bits however they run."""
+
+import numpy as np
+import pytest
+
+from featherstone_gait import Ground, compile_scene, initial_state, simulate, simulate_batch
+from featherstone_gait.dynamics import energy, momentum
+from featherstone_gait.model import ContactPoint, Joint, Link, Model
+
+pytestmark = pytest.mark.long
+
+BOX = (0.010, 0.002, 0.001, 0.030, 0.0005, 0.020)
+
+
+def pendulum(base="fixed"):
+    """Two bodies that hang by ball joints."""
+    links = (
+        Link("base", 1.0, (0.0, 0.0, 0.1), BOX),
+        Link("upper", 1.0, (0.02, 0.01, -0.2), BOX),
+        Link("lower", 0.5, (0.0, 0.02, -0.15), BOX),
+    )
+    joints = (
+        Joint("shoulder", "ball", "base", "upper", (0.0, 0.0, 1.0), (0.1, 0.2, 0.3)),
+        Joint("elbow", "ball", "upper", "lower", (0.0, 0.0, -0.4)),
+    )
+    return Model("pendulum", links, joints, base)
+
+
+def start(model):
+    rng = np.random.default_rng(3)
+    q, v = rng.normal(size=model.nq), rng.normal(size=model.nv)
+    for at in [slice(3, 7)] * (model.base == "floating") + [model.position_slices[k] for k in model.balls]:
+        q[at] /= np.linalg.norm(q[at])
+    return q, v
+
+
+def positions(model, run):
+    return np.hstack([run["base_q"], run["q"]]) if model.base == "floating" else run["q"]
+
+
+def velocities(model, run):
+    return np.hstack([run["base_qd"], run["qd"]]) if model.base == "floating" else run["qd"]
+
+
+@pytest.mark.parametrize("base", ["fixed", "floating"])
+def test_a_double_ball_pendulum_keeps_energy_and_momentum(base):
+    model, (q, v) = pendulum(base), start(pendulum(base))
+    scene = compile_scene(model, integrator="dop853", gravity=(0.0, 0.0, -9.81 if base == "fixed" else 0.0))
+    state = initial_state(scene, q, v)
+    run = simulate(scene, 60.0, state, rtol=1e-13, record_interval=1.0, estimate_error=False)
+    at, rates = positions(model, run), velocities(model, run)
+    of = energy(model, at, rates, gravity=scene.gravity)
+    total = of.kinetic + of.potential
+    assert total == pytest.approx(np.full(61, total[0]), rel=1e-9)
+    if base == "floating":
+        L = momentum(model, at, rates)
+        assert L == pytest.approx(np.tile(L[0], (61, 1)), abs=1e-9 * np.abs(L[0]).max())
+
+
+@pytest.mark.parametrize(
+    ("integrator", "steps", "order"),
+    [("implicit_euler", (1e-3, 5e-4), 1), ("midpoint", (2e-3, 1e-3), 2), ("rk4", (4e-3, 2e-3), 4)],
+)
+def test_fixed_steps_keep_their_order(integrator, steps, order):
+    model, (q, v) = pendulum("floating"), start(pendulum("floating"))
+    exact = compile_scene(model, integrator="dop853")
+    reference = simulate(exact, 0.2, initial_state(exact, q, v), rtol=1e-13)["q"][-1]
+    errors = []
+    for step in steps:
+        scene = compile_scene(model, integrator=integrator, timestep=step)
+        run = simulate(scene, 0.2, initial_state(scene, q, v), estimate_error=False)
+        errors.append(np.abs(run["q"][-1] - reference).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
+
+
+@pytest.mark.parametrize(("integrator", "most"), [("ars343", 100.0), ("extrapolation", 100.0), ("dop853", 100.0)])
+def test_tolerance_orders_the_error(integrator, most):
+    model, (q, v) = pendulum("floating"), start(pendulum("floating"))
+    exact = compile_scene(model, integrator="dop853")
+    reference = simulate(exact, 0.5, initial_state(exact, q, v), rtol=1e-13)["q"][-1]
+    scene = compile_scene(model, integrator=integrator)
+    errors = []
+    for rtol in (1e-4, 1e-6, 1e-8):
+        run = simulate(scene, 0.5, initial_state(scene, q, v), rtol=rtol, estimate_error=False)
+        errors.append(np.abs(run["q"][-1] - reference).max())
+        assert errors[-1] < most * rtol
+    assert errors[0] > errors[1] or errors[1] < 1e-13
+    assert errors[1] > errors[2]
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
+def test_lanes_give_the_same_bits(integrator):
+    model, (q, v) = pendulum("floating"), start(pendulum("floating"))
+    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
+    states = [initial_state(scene, q, v * scale) for scale in np.linspace(0.5, 1.5, 9)]
+    alone = [simulate(scene, 0.1, state, estimate_error=False).final for state in states]
+    together = simulate_batch(scene, 0.1, states, estimate_error=False)
+    assert all(np.array_equal(one, run.final) for one, run in zip(alone, together))
+
+
+def test_a_run_goes_on_where_another_ended():
+    model, (q, v) = pendulum(), start(pendulum())
+    scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3)
+    whole = simulate(scene, 0.2, initial_state(scene, q, v), estimate_error=False)
+    half = simulate(scene, 0.1, initial_state(scene, q, v), estimate_error=False)
+    rest = simulate(scene, 0.1, half, estimate_error=False)
+    assert np.array_equal(rest.final, whole.final)
+
+
+def test_damping_of_a_ball_joint_is_that_of_each_degree():
+    # a ball of inertia I about its center, held there: each rate decays with the damping over I
+    ball = Link("ball", 1.0, (0.0, 0.0, 0.0), (0.02, 0.0, 0.0, 0.02, 0.0, 0.02))
+    model = Model("held", (Link("world"), ball), (Joint("at", "ball", "world", "ball", damping=0.1),))
+    scene = compile_scene(model, integrator="extrapolation")
+    run = simulate(scene, 0.5, initial_state(scene, None, (1.0, -2.0, 3.0)), rtol=1e-10)
+    assert run["qd"][-1] == pytest.approx(np.array([1.0, -2.0, 3.0]) * np.exp(-0.1 / 0.02 * 0.5), rel=1e-8)
+    angle = np.linalg.norm([1.0, -2.0, 3.0]) * 0.2 * (1 - np.exp(-2.5))
+    assert 2 * np.arccos(run["q"][-1][0]) == pytest.approx(angle, rel=1e-8)
+
+
+def test_a_robot_with_ball_joints_comes_to_rest_on_the_ground():
+    model = pendulum("floating")
+    corners = [(x, y, -0.3) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    contacts = tuple(ContactPoint(link, at) for link in ("base", "upper", "lower") for at in corners)
+    robot = Model("robot", model.links, model.joints, "floating", contacts=contacts)
+    scene = compile_scene(robot, ground=Ground())
+    q = np.array([0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    run = simulate(scene, 2.0, initial_state(scene, q), record=("q", "contact_force", "base_q"))
+    weight = robot.mass * 9.81
+    assert run.status in ("ok", "fell", "inaccurate")
+    assert run["contact_force"][-1][:, 0].sum() == pytest.approx(weight, rel=0.5)
