@@ -201,7 +201,10 @@ def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[Any,
         if limit is not None and ("lower" in limit.attrib or "upper" in limit.attrib):
             report.remark("skipped lower and upper of a continuous joint, which has no stops")
         return kind, {}
-    if kind not in ("revolute", "prismatic"):
+    if kind not in ("revolute", "prismatic", "screw") or (kind == "screw" and not stops.keys() & _attributes(limit)):
+        if stops.keys() & _attributes(limit):
+            remedy = "limit joints of one degree of freedom"
+            report.assume(element, what, f"type {element.get('type')!r} has limits", "without limits", remedy)
         return kind, {}
     stated = _stated(limit, stops, what, report, number_or_inf)
     if limit is not None and len(stated) < sum(name in limit.attrib for name in stops):  # a wrong one is reported
@@ -218,6 +221,10 @@ def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[Any,
     if stops["lower"] == stops["upper"]:
         report.assume(element, what, found, "held there", "use type 'fixed' for a joint that does not move")
     return kind, stops
+
+
+def _attributes(element: Element | None) -> set[str]:
+    return set() if element is None else set(element.attrib)
 
 
 def _limits(element: Element, what: str, report: Report) -> dict[str, float]:

@@ -8,15 +8,19 @@ from pinocchio_oracle import coordinates, pinocchio_model
 from random_tree import random_box
 
 from featherstone_gait import (
+    RobotFileWarning,
+    Session,
     Target,
     compile_scene,
     from_engine,
     initial_state,
     inverse_kinematics,
+    linearize,
     load_robot,
     save_robot,
     simulate,
     to_engine,
+    trim,
 )
 from featherstone_gait.dynamics import (
     center_of_mass,
@@ -259,6 +263,24 @@ def test_urdf_gives_the_same_numbers(tmp_path):
     assert again.keyframes == model.keyframes
 
 
+def test_joint_types_of_urdf(tmp_path):
+    body = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    kinds = ("planar", "floating", "spherical")
+    links = "".join(f'<link name="{k}">{body}</link>' for k in range(4))
+    joints = "".join(
+        f'<joint name="{kind}" type="{kind}"><parent link="{k}"/><child link="{k + 1}"/><axis xyz="0 0 1"/>'
+        f"{'<limit lower=%r/>' % '-1' * (kind == 'spherical')}</joint>"
+        for k, kind in enumerate(kinds)
+    )
+    path = tmp_path / "robot.urdf"
+    path.write_text(f'<robot name="r">{links}{joints}</robot>', encoding="utf-8")
+    with pytest.warns(RobotFileWarning, match="type 'spherical' has limits"):
+        model = load_robot(path)
+    assert [joint.type for joint in model.joints] == ["planar", "free", "ball"]
+    assert (model.base, model.nv, model.nq) == ("fixed", 12, 14)
+    assert model.joint_names[:3] == ("planar.x", "planar.y", "planar.rz")
+
+
 def test_mjcf_keeps_poses_and_masses(tmp_path):
     pytest.importorskip("mujoco")
     model = chain(("ball", "universal", "revolute", "planar", "cylindrical", "free"))
@@ -324,6 +346,21 @@ def test_a_ball_joint_has_no_servo_and_is_locked_whole():
         replace(chain(("ball", "revolute")), locked={"ball0.rx": 0.0})
     held = replace(chain(("ball", "revolute")), locked=dict.fromkeys(("ball0.rx", "ball0.ry", "ball0.rz"), 0.0))
     assert held.joint_names == ("revolute1",)
+
+
+def test_a_session_reads_and_sets_quaternions():
+    model = chain(("ball", "revolute"))
+    session = Session(compile_scene(model), n=2, observe=("q", "qd"))
+    q, _ = state(model)
+    seen = session.set_state("q", np.tile(q, (2, 1)))
+    assert seen["q"] == pytest.approx(np.tile(q, (2, 1)))
+    assert session.step()["q"].shape == (2, 5)
+
+
+@pytest.mark.parametrize("function", [linearize, trim])
+def test_what_knows_no_ball_joints_says_so(function):
+    with pytest.raises(ValueError, match="knows no ball joints, and tip are some"):
+        function(compile_scene(top()))
 
 
 def test_quaternions_without_direction_are_refused():

@@ -562,15 +562,15 @@ TENDON_FORCES = ("stiffness", "damping", "frictionloss", "armature")
 
 def test_all_reasons_come_at_once(write):
     text = robot(
-        f'<body name="a"><joint name="socket" type="ball"/>{BALL}</body>'
+        f'<body name="a"><joint name="socket"/>{BALL}</body>'
         f'<body name="b" pos="1 0 0"><joint name="t"/>{BALL}<site name="s"/></body>',
-        '<equality><connect body1="a" body2="b" anchor="0 0 0"/></equality>'
+        '<equality><connect body1="a" body2="b" anchor="0 0 0"/><weld body1="a" body2="b"/></equality>'
         '<tendon><fixed name="wire" stiffness="3"><joint joint="t" coef="1"/></fixed></tendon>',
     )
     with pytest.raises(RobotFileError) as error:
         load_robot(write(text))
     assert len(error.value.problems) == 2
-    for word in ("socket", "connect"):
+    for word in ("weld", "connect"):
         assert word in str(error.value)
 
 
@@ -633,9 +633,11 @@ def test_weights_that_are_borne_act_as_in_mujoco(write, tmp_path, flag, borne):
 
 
 def test_reasons_and_doubts_come_at_once(write):
-    text = robot(f'<body><joint type="ball"/>{BALL}<body><joint stiffness="0 2"/>{BALL}</body></body>', NO % "gravity")
+    inside = f'<body name="a"><joint/>{BALL}<body name="b"><joint stiffness="0 2"/>{BALL}</body></body>'
+    loop = '<equality><connect body1="a" body2="b" anchor="0 0 0"/></equality>'
+    text = robot(inside, loop + NO % "gravity")
     for strict, count in ((False, 1), (True, 3)):
-        with pytest.raises(RobotFileError, match="ball joints") as error:
+        with pytest.raises(RobotFileError, match="closes a loop") as error:
             load_robot(write(text), strict=strict)
         assert len(error.value.problems) == count
 

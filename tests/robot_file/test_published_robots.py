@@ -25,7 +25,6 @@ REFUSED = {  # what has no meaning, and the reason
     "microtaur.urdf": "has 4 numbers",
     "romeo.urdf": "moves but has mass 0.0 kg",
     "romeo_laas_small.urdf": "moves but has mass 0.0 kg",
-    "spherical_joint_limit.urdf": "type 'spherical' is not simulated",
 }
 MASSLESS_ROOT = (  # which one joint holds
     "ability_hand_left_floating.urdf",

@@ -251,7 +251,6 @@ MALFORMED_URDF = [
     bad(
         "unknown_type", 'type="continuous"', 'type="hinge"', says=["joint 'ankle'", "'hinge'", "'revolute'", "use one"]
     ),
-    bad("planar", 'type="continuous"', 'type="planar"', says=["joint 'ankle'", "'planar'", "two prismatic"]),
     bad(
         "zero_axis",
         '<axis xyz="0 1 0"/>\n    <limit',
@@ -317,24 +316,6 @@ MALFORMED_URDF = [
     ),
     pytest.param(CYCLE, ["'p', 'q'", "cycle", "remove one joint"], id="cycle_beside_the_tree"),
     pytest.param(ROOTLESS, ["'base', 'foot', 'thigh'", "cycle", "remove one joint"], id="cycle_through_the_root"),
-    # floating joints
-    pytest.param(
-        URDF.replace("</robot>", FLOATING.format("f", "thigh", "foot")),
-        ["joint 'f'", "'thigh'", "base='floating'"],
-        id="floating_inside",
-    ),
-    bad(
-        "floating_from_heavy_world",
-        "</robot>",
-        f'<link name="w">{BODY}</link>' + FLOATING.format("f", "w", "base"),
-        says=["joint 'f'", "'w'", "massless", "remove"],
-    ),
-    bad(
-        "two_floating",
-        "</robot>",
-        '<link name="w"/>' + FLOATING.format("f", "w", "base")[:-8] + FLOATING.format("g", "w", "foot"),
-        says=["joint 'f'", "one such joint", "remove"],
-    ),
 ]
 
 LENIENT_URDF = [  # refused only if strict

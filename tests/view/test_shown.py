@@ -77,7 +77,7 @@ def test_numbers_of_a_channel_have_names():
         ("energy", "loss", "channel 'energy' has no unique label 'loss'; its labels: supply, electrical"),
         ("base_q", "x", "channel 'base_q' has no unique label 'x'"),  # of the position, or of the quaternion
         ("q", "x", "labels: none, as it is a single number"),
-        ("speed", "x", "there is no channel 'speed'; channels: base_q, q"),
+        ("speed", "x", "there is no channel 'speed'; channels: base_q, ball_q, q"),
         ("contact_force", "normal", "'contact_force' was not recorded; recorded were time, energy: name it"),
     ):
         with pytest.raises(ValueError, match=says):
