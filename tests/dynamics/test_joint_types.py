@@ -265,11 +265,11 @@ def test_urdf_gives_the_same_numbers(tmp_path):
 
 def test_joint_types_of_urdf(tmp_path):
     body = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-    kinds = ("planar", "floating", "spherical")
+    kinds, limit = ("planar", "floating", "spherical"), '<limit lower="-1"/>'
     links = "".join(f'<link name="{k}">{body}</link>' for k in range(4))
     joints = "".join(
         f'<joint name="{kind}" type="{kind}"><parent link="{k}"/><child link="{k + 1}"/><axis xyz="0 0 1"/>'
-        f"{'<limit lower=%r/>' % '-1' * (kind == 'spherical')}</joint>"
+        f"{limit * (kind == 'spherical')}</joint>"
         for k, kind in enumerate(kinds)
     )
     path = tmp_path / "robot.urdf"
