@@ -1,4 +1,4 @@
-"""The bits of four runs, which are the same under every Numba, pipeline, Python and processor that this runs on.
+"""The bits of five runs, which are the same under every Numba, pipeline, Python and processor that this runs on.
 
 Kept quick: `.ci/run` runs it under the oldest Numba, the newest one and Numba's own pipeline.
 """
@@ -13,6 +13,9 @@ from featherstone_gait import (
     Box,
     Cylinder,
     Ground,
+    Joint,
+    Link,
+    Model,
     PairContact,
     Placed,
     Sphere,
@@ -65,3 +68,14 @@ def test_a_ball_on_a_cylinder_on_a_box():
     pile = [Placed(body(shape, 1.0), name, position=at) for shape, name, at in zip(shapes, "abc", places)]
     scene = compile_scene(pile, None, Ground(), "implicit_euler", 1e-3, pairs=PairContact(load=1.0))
     assert digest(simulate(scene, 0.01, **ALONE)) == "f663d91b6a14880c"
+
+
+@pytest.mark.nojit
+def test_a_pendulum_on_ball_joints():
+    inertia = (0.01, 0.002, 0.001, 0.03, 0.0005, 0.02)
+    upper, lower = Link("upper", 1.0, (0.02, 0.01, -0.2), inertia), Link("lower", 0.5, (0.0, 0.02, -0.1), inertia)
+    elbow = Joint("elbow", "ball", "upper", "lower", (0.0, 0.0, -0.4))
+    model = Model("pendulum", (Link("ceiling"), upper, lower), (Joint("shoulder", "ball", "ceiling", "upper", (0.0, 0.0, 1.0)), elbow))
+    scene = compile_scene(model, None, None, "midpoint", 1e-3)
+    start = initial_state(scene, np.linspace(0.1, 0.8, 8), np.linspace(-3.0, 3.0, 6))
+    assert digest(simulate(scene, 0.02, start, **ALONE)) == "73a17e5cb82de36a"
