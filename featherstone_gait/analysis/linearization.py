@@ -40,11 +40,12 @@ from ..core.integrate.rollout import OK
 from ..core.step.signals import Signals
 from ..core.step.state import BY_NAME, IN_STATE, RECORDABLE
 from ..dynamics import coupling_matrix
+from ..model.degrees import ball_name
 from ..run.compiled_run import CompiledRun, Vector, in_lanes, knots_in_lanes, lane_zeros
 from ..run.lane_engine import sampled
 from ..run.prepare import prepare, with_steps, with_tolerance
 from ..run.reference import Reference
-from ..run.start import check_no_balls, check_scene, initial_state
+from ..run.start import check_scene, initial_state
 from ..run.status import OF_CODE
 from ..run.trajectory import Trajectory
 from ..scene.channels import current_name
@@ -211,7 +212,6 @@ def linearize(
     >>> model.A[np.ix_(model.of("q"), model.of("qd"))]
     """
     check_scene(scene)
-    check_no_balls(scene, "linearize")
     scene, tolerance, _ = with_tolerance(scene, RTOL if rtol is None and scene.adaptive else rtol, None)
     named = _inputs(scene, inputs)
     period = scene.tick_steps if scene.sampled else 1
@@ -219,6 +219,9 @@ def linearize(
     outputs = tuple(map(current_name, listed("outputs", outputs, "give a list of channels, such as ('torque',)")))
     for name in outputs:
         one_of("outputs", name, [known for known in RECORDABLE if BY_NAME[known].kind != "computed"])
+    if "q" in outputs and scene.tree.balls is not None:
+        name = scene.model.name
+        raise ValueError(f"{name}: outputs: q has quaternions of ball joints; read its states, or give ball_q")
     threads = None if threads is None else whole("threads", threads, 1, "one a core is usual", 1024)
     duration = steps * scene.timestep
     driven = tau is not None or "torque" in named
@@ -286,9 +289,8 @@ class Chart:
                     turns.append(k)
             if name in channels:
                 self.states = len(self.names)
-        self.turns = np.array(turns, dtype=int).reshape(-1, 3)  # deviations that are turns of each base
-        first = scene.part("base_q")[0]
-        self.quaternions = [slice(first + 7 * b + 3, first + 7 * b + 7) for b in _free_bases(scene)[: len(self.turns)]]
+        self.turns = np.array(turns, dtype=int).reshape(-1, 3)  # deviations that turn each base and ball joint
+        self.quaternions = [at for name in self.channels for at in _quaternions(scene, name)]
         self.reads = np.array(reads[: self.states], dtype=int)  # number of the state that is a deviation's
         self._moves = [np.array(column) for column in zip(*moves)] if moves else [np.zeros(0, int)] * 3
 
@@ -332,6 +334,15 @@ def _beside(y: np.ndarray, Y: np.ndarray) -> np.ndarray:
     return y.reshape(-1, *[1] * (Y.ndim - 1))
 
 
+def _quaternions(scene: CompiledScene, name: str) -> list[slice]:
+    """Return where in the state the quaternions of a channel stand, those of ball joints with the channel q."""
+    if name == "base_q":
+        first = scene.part(name)[0]
+        return [slice(first + 7 * b + 3, first + 7 * b + 7) for b in _free_bases(scene)]
+    first = scene.part("ball_q")[0]
+    return [slice(first + 4 * k, first + 4 * k + 4) for k in range(len(scene.model.balls))] if name == "q" else []
+
+
 @functools.lru_cache(maxsize=128)
 def chart_of(scene: CompiledScene, channels: tuple[str, ...], held: tuple[str, ...] = ()) -> Chart:
     """Return the `Chart` of a scene's channels, one object for the same arguments."""
@@ -341,10 +352,12 @@ def chart_of(scene: CompiledScene, channels: tuple[str, ...], held: tuple[str, .
 def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[tuple[int, float]]]]:
     """Return for each deviation of a channel its label, the number that reads it, and those that it moves with factors.
 
-    A rotation of the base moves none: see `_turned`.
+    A rotation of the base or of a ball joint moves none: see `_turned`.
     """
     first, end = scene.part(name)
     joints = scene.model.joint_names
+    if name == "ball_q":  # its deviations are turns, those of q
+        return []
     if name in BASE and end > first:
         turn, width = ((3, 4, 5), 7) if name == "base_q" else ((), 6)
         places = [(b, first + width * b + k, k) for b in _free_bases(scene) for k in range(6)]
@@ -356,7 +369,8 @@ def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[t
         for column in G.T:
             moved = [(first + int(k), float(column[k])) for k in np.flatnonzero(column)]
             leader = next(number for number, factor in moved if factor == 1.0)
-            leading.append((joints[leader - first], leader, moved))
+            turns = name == "q" and scene.model.moving_joints[leader - first].type == "ball"
+            leading.append((joints[leader - first], leader, [] if turns else moved))
         return leading
     channel, width = BY_NAME[name], BY_NAME[name].width
     labels: list[str] = [str(k) for k in range((end - first) // width)]
@@ -706,6 +720,9 @@ def _labels(scene: CompiledScene, outputs: tuple[str, ...], read: np.ndarray) ->
         first, end = scene.part(name)
         if name == "base_q":
             labels = BY_NAME[name].labels
+        elif name == "ball_q":
+            balls = (ball_name(scene.model.moving_joints[k]) for k in scene.model.balls)
+            labels = tuple(f"{ball}.q{label}" for ball in balls for label in BY_NAME[name].labels)
         elif name in ("q", "qd", "qdd"):
             labels = scene.model.joint_names
         else:

@@ -75,7 +75,8 @@ def test_a_pendulum_on_ball_joints():
     inertia = (0.01, 0.002, 0.001, 0.03, 0.0005, 0.02)
     upper, lower = Link("upper", 1.0, (0.02, 0.01, -0.2), inertia), Link("lower", 0.5, (0.0, 0.02, -0.1), inertia)
     elbow = Joint("elbow", "ball", "upper", "lower", (0.0, 0.0, -0.4))
-    model = Model("pendulum", (Link("ceiling"), upper, lower), (Joint("shoulder", "ball", "ceiling", "upper", (0.0, 0.0, 1.0)), elbow))
+    shoulder = Joint("shoulder", "ball", "ceiling", "upper", (0.0, 0.0, 1.0))
+    model = Model("pendulum", (Link("ceiling"), upper, lower), (shoulder, elbow))
     scene = compile_scene(model, None, None, "midpoint", 1e-3)
     start = initial_state(scene, np.linspace(0.1, 0.8, 8), np.linspace(-3.0, 3.0, 6))
     assert digest(simulate(scene, 0.02, start, **ALONE)) == "73a17e5cb82de36a"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pinocchio_oracle import coordinates, pinocchio_model
 from random_tree import random_box
+from scipy.linalg import expm
 
 from featherstone_gait import (
     RobotFileWarning,
@@ -357,10 +358,25 @@ def test_a_session_reads_and_sets_quaternions():
     assert session.step()["q"].shape == (2, 5)
 
 
-@pytest.mark.parametrize("function", [linearize, trim])
-def test_what_knows_no_ball_joints_says_so(function):
-    with pytest.raises(ValueError, match="knows no ball joints, and tip are some"):
-        function(compile_scene(top()))
+def test_what_knows_no_ball_joints_says_so():
+    with pytest.raises(ValueError, match="trim knows no ball joints, and tip are some"):
+        trim(compile_scene(top()))
+    with pytest.raises(ValueError, match="q has quaternions of ball joints"):
+        linearize(compile_scene(top()), outputs=("q",))
+
+
+def test_a_ball_joint_is_linearized_by_its_turns():
+    # a rod that hangs by its end: three small turns, two of which swing by m g l = I w^2, and one that is free
+    links = Link("ceiling"), Link("rod", 1.0, (0.0, 0.0, -0.2), (0.01, 0.0, 0.0, 0.02, 0.0, 0.001))
+    model = Model("rod", links, (Joint("hang", "ball", "ceiling", "rod"),))
+    scene = compile_scene(model, integrator="rk4", timestep=1e-3)
+    found = linearize(scene, initial_state(scene))
+    names = ["q hang.rx", "q hang.ry", "q hang.rz", "qd hang.rx", "qd hang.ry", "qd hang.rz"]
+    assert list(found.states) == names
+    rates = [-0.2 * 9.81 / (0.01 + 0.04), -0.2 * 9.81 / (0.02 + 0.04), 0.0]
+    exact = expm(1e-3 * np.block([[np.zeros((3, 3)), np.eye(3)], [np.diag(rates), np.zeros((3, 3))]]))
+    assert found.A == pytest.approx(exact, abs=1e-9)
+    assert linearize(scene, initial_state(scene), outputs=("ball_q",)).outputs[1] == "ball_q hang.qx"
 
 
 def test_quaternions_without_direction_are_refused():
