@@ -15,7 +15,7 @@ of each of its degrees.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -98,6 +98,21 @@ def written_degrees(joint: Joint) -> list[Joint]:
         return single
     first = single[-3]
     return [*single[:-3], replace(first, name=joint.name, child=last.child)]
+
+
+def by_degree(held: Mapping[str, float], joints: Iterable[Joint]) -> dict[str, float]:
+    """Return what is held by degree: a joint of several degrees is named as a whole where it is held at zero."""
+    found = dict(held)
+    for joint in joints:
+        if joint.type in COMPOSITE and joint.name in found:
+            names = [part.name for part in degrees_of((joint,)).joints]
+            if found.pop(joint.name) != 0.0:
+                raise ValueError(
+                    f"locked joint {joint.name!r}: it has several degrees of freedom; hold it at 0, or name "
+                    f"its degrees, {', '.join(names)}"
+                )
+            found |= dict.fromkeys(names, 0.0)
+    return found
 
 
 def is_first(joint: Joint) -> bool:

@@ -13,7 +13,7 @@ from ..base import arguments
 from ..base.arguments import instance, listed, real, texts, truth
 from ..geometry.contact_choice import Choice, with_contacts
 from ..model import LARGEST, Base, Joint, Mimic, Model
-from ..model.degrees import degrees_of
+from ..model.degrees import by_degree, degrees_of
 from ..model.links import Leader, leader_of
 from ..model.rest_posture import nearest_positions
 from ..model.tree_checks import check_locked
@@ -168,7 +168,7 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
         return {}
     with blamed_on(f"{path}: load_robot(locked={locked!r})"):
         single = degrees_of(robot.joints).joints
-        held = _chosen(locked, settings.locked, single)
+        held = by_degree(_chosen(locked, settings.locked, single), robot.joints)
         check_locked(single, held)
     return held
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ..model import Base, ContactPoint, Joint, Link, Servo, Supply
 from ..model.checks import check, field_flaws
-from ..model.degrees import ball_name, degrees_of, is_first
+from ..model.degrees import ball_name, by_degree, degrees_of, is_first
 from ..model.tree_checks import check_links, check_locked
 from .report import Report
 from .robot import Posture
@@ -198,7 +198,9 @@ def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
 
 
 def _locked_set(sets: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> dict[str, float]:
-    names, table, problems = [joint.name for joint in joints], table_of(sets, name, "locked."), Problems()
+    table, problems, single = table_of(sets, name, "locked."), Problems(), degrees_of(joints).joints
+    names = [joint.name for joint in (*joints, *single)]
+    turns = [joint.name for joint in single if joint.type == "ball"]  # checked together, when all is read
     held: dict[str, float] = {}
     for key, value in table.items():
         angle = key not in names and key.endswith("_deg")
@@ -208,6 +210,7 @@ def _locked_set(sets: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> d
                 raise ValueError(f"locked.{name}: joint {joint!r} is given twice; keep one of the two")
             position = real(value, f"locked.{name}: position of joint {joint!r}")
             held[joint] = math.radians(position) if angle else position
-            check_locked(joints, {joint: held[joint]})
+            if joint not in turns:
+                check_locked(single, by_degree({joint: held[joint]}, joints))
     problems.raise_all()
     return held

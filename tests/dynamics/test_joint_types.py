@@ -379,6 +379,16 @@ def test_a_ball_joint_is_linearized_by_its_turns():
     assert linearize(scene, initial_state(scene), outputs=("ball_q",)).outputs[1] == "ball_q hang.qx"
 
 
+def test_a_file_of_ball_joints_is_loaded_with_some_locked(tmp_path):
+    save_robot(chain(("ball", "revolute", "universal")), tmp_path / "chain.urdf")
+    held = load_robot(tmp_path / "chain.urdf", locked=["ball0", "universal2.r1"])
+    assert held.joint_names == ("revolute1", "universal2.r2")
+    save_robot(held, tmp_path / "held.urdf")
+    assert load_robot(tmp_path / "held.urdf").held == held.held
+    with pytest.raises(ValueError, match="several degrees of freedom; hold it at 0"):
+        load_robot(tmp_path / "chain.urdf", locked={"ball0": 0.3})
+
+
 def test_quaternions_without_direction_are_refused():
     model = top()
     scene = compile_scene(model)
