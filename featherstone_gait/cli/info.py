@@ -111,7 +111,7 @@ def _compiled(args: Namespace, model: Model, kind: GearboxKind | None) -> Compil
 def _short_joint_table(model: Model) -> list[str]:
     """List the joints that move, with their limits, and those that are locked."""
     held, rows = model.held, []
-    for joint in model.joints:
+    for joint in model.degrees.joints:
         if joint.type != "fixed":
             limits = _limits(joint)
             where = f"locked at {_angle(joint, held[joint.name])}" if joint.name in held else limits
@@ -132,9 +132,9 @@ def _joint_table(model: Model, check: Preflight | None) -> list[str]:
     largest = {x.joint: f"{1e3 * x.step:.3g}" if x.step < math.inf else "any" for x in found}
     steps = {x.joint: f"{largest[x.joint]}, {x.cause}" for x in found}
     held = model.held
-    steps |= {j.name: f"locked at {_angle(j, held[j.name])}" for j in model.joints if j.name in held}
+    steps |= {j.name: f"locked at {_angle(j, held[j.name])}" for j in model.degrees.joints if j.name in held}
     rows = []
-    for joint in model.joints:
+    for joint in model.degrees.joints:
         names = joint.name, joint.type, joint.parent, joint.child
         if joint.type == "fixed":
             rows.append((*names, *"-----"))

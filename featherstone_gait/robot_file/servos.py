@@ -16,6 +16,7 @@ from ..base.files import FilePath
 from ..base.flaws import quoted
 from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Model, Servo
 from ..model.checks import check, field_flaws, refuse
+from ..model.degrees import degrees_of
 from ..model.tree_checks import check_servos
 from .report import Report, RobotFileError, RobotFileWarning, blamed_on
 from .source import robots_folder
@@ -61,7 +62,7 @@ _FIGURES = tuple(f.name for f in fields(ManualPoint))
 
 def with_servo(model: Model, servo: FilePath, **overrides: Any) -> Model:
     """Return the robot with one servo in all joints that turn or have one; servo, overrides: as in `load_servo`."""
-    turning = [joint.name for joint in model.joints if joint.type in ("revolute", "continuous")]
+    turning = [joint.name for joint in model.degrees.joints if joint.type in ("revolute", "continuous")]
     return replace(model, servos=dict.fromkeys([*turning, *model.servos], load_servo(servo, **overrides)))
 
 
@@ -146,6 +147,7 @@ def servo_sheet(name: str | os.PathLike) -> ServoSheet:
 def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path, report: Report) -> dict[str, Servo]:
     """Read the servos by joint: [servos] for all joints that turn, overridden by [servos.joints.NAME]."""
     problems, own, shared, servos = Problems(), dict[str, Any](), dict[str, Any](), dict[str, Servo]()
+    joints = degrees_of(joints).joints
     with problems.at(section, "joints"):
         own = table_of(section, "joints", "servos.")
     for name in own:

@@ -9,6 +9,7 @@ from random_tree import random_box
 from scipy.linalg import expm
 
 from featherstone_gait import (
+    Reference,
     RobotFileWarning,
     Session,
     Target,
@@ -387,6 +388,18 @@ def test_a_file_of_ball_joints_is_loaded_with_some_locked(tmp_path):
     assert load_robot(tmp_path / "held.urdf").held == held.held
     with pytest.raises(ValueError, match="several degrees of freedom; hold it at 0"):
         load_robot(tmp_path / "chain.urdf", locked={"ball0": 0.3})
+
+
+def test_a_universal_joint_has_servos(tmp_path):
+    model, servo = chain(("ball", "universal")), load_robot("humanoid").servos["left_knee"]
+    model = replace(model, servos={"universal1.r1": servo, "universal1.r2": servo})
+    save_robot(model, tmp_path / "chain.urdf")
+    again = load_robot(tmp_path / "chain.urdf")
+    assert again.servos == model.servos
+    scene = compile_scene(again, "rotor", gravity=(0.0, 0.0, 0.0))
+    run = simulate(scene, 0.5, reference=Reference([0.0], [[0.0, 0.0, 0.0, 0.2, -0.1]]), estimate_error=False)
+    assert run["q"][-1, 4:] == pytest.approx([0.2, -0.1], abs=0.02)
+    assert np.linalg.norm(run["q"][-1, :4]) == pytest.approx(1.0)
 
 
 def test_quaternions_without_direction_are_refused():
