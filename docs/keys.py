@@ -11,13 +11,15 @@ from collections.abc import Iterable
 from dataclasses import MISSING, Field, fields
 from typing import Any, get_args
 
-from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Servo, Supply
+from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Loop, Servo, Supply
+from featherstone_gait.model.loop import LoopKind
 from featherstone_gait.model.servo import Law
 from featherstone_gait.robot_file.servos import PARTS, SERVO_KEYS
 from featherstone_gait.robot_file.settings import OWN
 
 TABLES: dict[str, tuple[type, Iterable[str]]] = {
     "contacts": (ContactPoint, [f.name for f in fields(ContactPoint)]),
+    "loops": (Loop, [f.name for f in fields(Loop)]),
     "links": (Link, OWN["links"]),
     "joints": (Joint, OWN["joints"]),
     "supply": (Supply, [f.name for f in fields(Supply)]),
@@ -29,6 +31,8 @@ UNIT = re.compile(r"\[([^\]]+)\]")
 ALLOWED = {  # by type, of fields that state no range
     "str": "text",
     "Law": ", ".join(get_args(Law)),
+    "LoopKind": ", ".join(get_args(LoopKind)),
+    "str | None": "text",
     "bool": "true, false",
     "Vector": "[x, y, z]",
     "float | None": ">= 0",

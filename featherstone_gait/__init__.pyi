@@ -16,6 +16,9 @@ from .dynamics import energy as energy
 from .dynamics import forward_dynamics as forward_dynamics
 from .dynamics import forward_kinematics as forward_kinematics
 from .dynamics import inverse_dynamics as inverse_dynamics
+from .dynamics import loop_forces as loop_forces
+from .dynamics import loop_gaps as loop_gaps
+from .dynamics import loop_jacobian as loop_jacobian
 from .dynamics import mass_matrix as mass_matrix
 from .dynamics import momentum as momentum
 from .dynamics import spring_energy as spring_energy
@@ -23,9 +26,11 @@ from .dynamics.conventions import from_engine as from_engine
 from .dynamics.conventions import to_engine as to_engine
 from .dynamics.inverse_kinematics import IKResult as IKResult
 from .dynamics.inverse_kinematics import Target as Target
+from .dynamics.inverse_kinematics import close_loops as close_loops
 from .dynamics.inverse_kinematics import inverse_kinematics as inverse_kinematics
 from .dynamics.jacobians import center_of_mass_jacobian as center_of_mass_jacobian
 from .dynamics.jacobians import jacobian as jacobian
+from .dynamics.loops import degrees_of_freedom as degrees_of_freedom
 from .geometry.body import body as body
 from .geometry.contact_choice import contact_points as contact_points
 from .geometry.contact_choice import with_contacts as with_contacts
@@ -38,6 +43,7 @@ from .model import Ground as Ground
 from .model import HeightField as HeightField
 from .model import Joint as Joint
 from .model import Link as Link
+from .model import Loop as Loop
 from .model import Mimic as Mimic
 from .model import Model as Model
 from .model import Servo as Servo

@@ -23,11 +23,14 @@ from ..core.compile.lanes import WIDTH, aligned
 from ..core.effects.touch import FLATNESS
 from ..core.tree import batch
 from ..core.tree.layout import Motion, Robot
+from ..core.tree.loop import SIZE as ROW_SIZE
+from ..core.tree.rows import SIDE
 from ..model import Model, Spring
 from ..model.degrees import ball_name, is_first
 from ..model.numpy_dynamics import Poses, what_is_loose
 from ..model.tree_checks import check_springs
 from ..scene.external import build_lifts
+from ..scene.loop import build_loops
 from ..scene.tree import GRAVITY, Tree, compile_tree, joint_armature
 
 
@@ -106,6 +109,9 @@ def forward_dynamics(
     G (G' M G)^-1 G' (tau - c), with G of `coupling_matrix` and the bias forces c at the given q and qd, whether these
     agree with the couplings or not.
 
+    Loops (`Model.loops`) accelerate so that they stay closed: J qdd + Jdot qd = 0 with J of `loop_jacobian`, whether
+    they are closed and at rest at the given q and qd or not.  Loops that depend on each other are no exception.
+
     Parameters
     ----------
     model : Model
@@ -141,12 +147,141 @@ def forward_dynamics(
     pull = _spring_torque(model, x["q"], stiffness)
     if pull is not None:
         x["tau"] = x["tau"] + pull
-    out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, robot)
+    if model.loops:
+        out = _closed(model, x, wrench, robot)[0]
+    else:
+        out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, robot)
     for row in np.flatnonzero(~np.isfinite(out).all(axis=1)):
         loose = what_is_loose(model, x["q"][row], robot.armature)
         if loose is not None:
             raise ValueError(f"{model.name}: {loose}, or ask for the accelerations in another posture")
     return _shaped(out, q, qd, tau)
+
+
+def loop_forces(
+    model: Model,
+    q: ArrayLike,
+    qd: ArrayLike,
+    tau: ArrayLike,
+    *,
+    wrench: Wrenches | None = None,
+    armature: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    gravity: ArrayLike = GRAVITY,
+) -> np.ndarray:
+    """Compute the forces with which loops stay closed.
+
+    They act as the generalized forces J' f, with J of `loop_jacobian`.  Of loops that depend on each other the forces
+    are shared between them.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+    qd : array_like
+        Velocities (nv,) or (n, nv) [m/s, rad/s or m/s].
+    tau : array_like
+        Generalized forces (nv,) or (n, nv) [N, N m].
+    wrench, armature, stiffness, gravity : optional
+        As for `forward_dynamics`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Forces f (m,) or (n, m) on the first link of each loop, in the order of the rows of `loop_gaps` [N, N m].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
+    x = _arguments(model, q=q, qd=qd, tau=tau)
+    robot = _robot(model, armature, gravity)._replace(coupling=compile_tree(model).coupling)
+    pull = _spring_torque(model, x["q"], stiffness)
+    if pull is not None:
+        x["tau"] = x["tau"] + pull
+    return _shaped(_closed(model, x, wrench, robot)[1], q, qd, tau)
+
+
+def loop_gaps(model: Model, q: ArrayLike) -> np.ndarray:
+    """Compute by how much loops are open.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Gaps (m,) or (n, m), loop by loop: of points a - b along the world's axes (3) [m], of a weld also twice the
+        vector part of the quaternion of its frames (3), about the angle [rad], of a hinge the cosines between its axis
+        in b and two axes across it in a (2), of a distance its excess (1) [m].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
+    return _shaped(loop_measures(model, q)[0][:, 0], q)
+
+
+def loop_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
+    """Compute the Jacobian of loops: J qd is the rate of `loop_gaps`, of welds in all but their rotation.
+
+    The rows of a weld's rotation are the angular velocity of the first link against the second in world axes, which is
+    the rate of that gap where it is closed.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        J (m, nv) or (n, m, nv).
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
+    return _shaped(loop_measures(model, q)[1], q)
+
+
+def loop_measures(model: Model, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Compute gap, J qd and Jdot qd (n, 3, m) of loops, and J (n, m, nv)."""
+    x = _arguments(check_model(model), q=q, qd=np.zeros(model.nv) if qd is None else qd)
+    tree, loops, n = compile_tree(model), build_loops(model), len(x["q"])
+    measures, J = np.zeros((n, 3, loops.rows)), np.zeros((n, loops.rows, tree.n))
+    base_J = np.zeros((n, loops.rows, 6)) if tree.floating else None
+    robot, at = Robot(tree.bodies, None, np.zeros(3)), _motion(tree, x["q"], x["qd"])
+    batch.loop_rows(robot, loops.table, at, _work(tree), np.zeros((loops.rows, ROW_SIZE)), measures, base_J, J)
+    return measures, J if base_J is None else np.concatenate([base_J, J], axis=2)
+
+
+def _closed(
+    model: Model, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute accelerations (n, nv) of robots whose loops stay closed, and the forces (n, m) of the loops."""
+    tree, loops, n = compile_tree(model), build_loops(model), len(x["q"])
+    m, base_qdd, qdd, forces = loops.rows, None, np.zeros((n, tree.n)), np.zeros((n, loops.rows))
+    if tree.floating:
+        base_qdd = np.zeros((n, 6))
+    given = *_split(tree, x["tau"]), _external(model, tree, x["q"], wrench, robot.gravity)
+    shapes = (m, ROW_SIZE), (m, 1, tree.n + 1), (m, 1, SIDE), (m, m + 2)
+    scratch = _work(tree), *(np.zeros(shape) for shape in shapes)
+    batch.closed_rows(
+        robot, (loops.trees, loops.table), _motion(tree, x["q"], x["qd"]), given, scratch, (base_qdd, qdd, forces)
+    )
+    return (qdd if base_qdd is None else np.concatenate([base_qdd, qdd], axis=1)), forces
 
 
 def inverse_dynamics(
@@ -163,7 +298,8 @@ def inverse_dynamics(
     """Compute the generalized forces that a motion takes (recursive Newton-Euler algorithm, RBDA Table 5.1).
 
     Gravity, what bears weight and springs of joints act besides them; damping, friction, servos and stops do not.
-    Couplings of joints are ignored: with G of `coupling_matrix`, G' tau drives the independent joints.
+    Couplings of joints are ignored: with G of `coupling_matrix`, G' tau drives the independent joints.  So are loops:
+    tau + J' f with J of `loop_jacobian` does the same for any forces f of the loops.
 
     Parameters
     ----------

@@ -24,9 +24,9 @@ from ..base.brief import brief
 from ..base.fixed_order import applied, product, solve, total
 from ..base.rotation import cross, dot, rotation_from_rpy
 from ..core.compile.elementary import NEAR
-from ..model import Joint, Model
+from ..model import Joint, Loop, Model
 from ..model.numpy_dynamics import at_joints
-from .algorithms import Poses, check_model, forward_kinematics
+from .algorithms import Poses, check_model, forward_kinematics, loop_gaps, loop_measures
 from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, point_at
 
 Status = Literal["ok", "limits", "out of reach", "not converged"]
@@ -127,6 +127,8 @@ def inverse_kinematics(
 ) -> IKResult:
     """Find the posture near q0 that meets all targets, or misses them by the least.
 
+    Loops (`Model.loops`) are targets too: their gaps count with the weight 1.
+
     Parameters
     ----------
     model : Model
@@ -185,6 +187,82 @@ def inverse_kinematics(
         better = other if other.error < best.error else best
         best = better._replace(iterations=best.iterations + other.iterations)
     return IKResult(best.q, _status(task, best, rng), best.error, best.iterations)
+
+
+def close_loops(
+    model: Model,
+    q: ArrayLike,
+    *,
+    joints: Iterable[str] | None = None,
+    hold_base: bool = False,
+    tolerance: float = 1e-11,
+    max_iterations: int = 200,
+) -> np.ndarray:
+    """Find the posture near q in which all loops are closed, within the limits of the joints.
+
+    Each step is the shortest in the joints that closes the loops to first order (Gauss and Newton), damped as that of
+    `inverse_kinematics`.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) to start from [m, -, rad or m]; joints beyond their limits start at them.
+    joints : iterable of str, optional
+        Names of the joints that may move; None for all.
+    hold_base : bool, optional
+        Whether a floating base stays where it is.
+    tolerance : float, optional
+        Root of the sum of squares of all gaps at which the loops are closed [m and rad].
+    max_iterations : int, optional
+        Limit of iterations.
+
+    Returns
+    -------
+    numpy.ndarray
+        Positions (nq,).
+
+    Raises
+    ------
+    ValueError
+        If no posture near q closes all loops; the message names the loop with the largest gap.
+    """
+    check_model(model)
+    instance("hold_base", hold_base, (bool, np.bool_), "give True or False")
+    real("tolerance", tolerance, TIGHTEST, math.inf, "1e-11 is usual")
+    max_iterations = whole("max_iterations", max_iterations, 0, "200 is usual", MOST)
+    task = _Task(model, [], _freedom(model, joints, hold_base), tolerance, max_iterations)
+    start = _start(task, q)
+    if not model.loops:
+        return start
+    found = _attempt(task, start, np.random.default_rng(0))
+    gaps, first, worst = loop_gaps(model, found.q), 0, ("", 0.0)
+    poses = forward_kinematics(model, found.q)
+    for loop in model.loops:
+        gap = math.sqrt(total(gaps[first : first + loop.rows] ** 2))
+        gap = 2.0 if _is_flipped(model, poses, loop) else gap
+        worst, first = max(worst, (loop.name, gap), key=lambda pair: pair[1]), first + loop.rows
+    if found.error < tolerance and worst[1] < 2.0:
+        return found.q
+    raise ValueError(
+        f"{model.name}: loops do not close near this posture; the gap of loop {worst[0]!r} stays at {worst[1]:.6g} "
+        "[m or rad]: start from a posture closer to a closed one, free more joints, or correct the loop's points"
+    )
+
+
+def _is_flipped(model: Model, poses: Poses, loop: Loop) -> bool:
+    """Return whether a hinge or weld is turned by half a turn, where its gap vanishes too."""
+    if loop.kind not in ("hinge", "weld"):
+        return False
+    frames = []
+    for link, rpy in ((loop.a, loop.rpy_a), (loop.b, loop.rpy_b)):
+        own = rotation_from_rpy(rpy)
+        frames.append(own if link is None else product(poses.rotation[model.link_index(link)], own))
+    if loop.kind == "hinge":
+        axis = np.array(loop.axis)
+        return dot(applied(frames[0], axis), applied(frames[1], axis)) < 0.0
+    return float(total(total(frames[0] * frames[1]))) < 0.0
 
 
 class _Goal(NamedTuple):
@@ -317,6 +395,9 @@ def _errors(task: _Task, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     model, free = task.model, task.free
     poses = forward_kinematics(model, q)
     parts = [part for goal in task.goals for part in _goal_errors(model, poses, goal)]
+    if model.loops:
+        measures, J_loops = loop_measures(model, q)
+        parts.append((np.ones(J_loops.shape[1]), -measures[0, 0], J_loops[0]))
     weight = np.concatenate([w for w, _, _ in parts])
     e, J = np.concatenate([e for _, e, _ in parts]), np.concatenate([J for _, _, J in parts])
     for c in free.followers:

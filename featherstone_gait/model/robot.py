@@ -28,6 +28,7 @@ from .checks import check, choice_flaws, name_flaws, vector_flaws
 from .degrees import Degrees, ball_name, degrees_of, widths
 from .ground import ContactPoint
 from .links import Joint, Link, leader_of
+from .loop import Loop, check_loops
 from .mass_checks import by_body, indefinite_flaws
 from .pair_contact import name_pairs
 from .rigid_bodies import Frame, Placement, RigidBody, depth_first_joints, lay_out, merge
@@ -74,6 +75,8 @@ class Model:
         Folders with the packages of the robot's files, besides the usual places.
     excluded : tuple of (str, str)
         Pairs of links that do not touch each other in a scene with contact between bodies.
+    loops : tuple of Loop
+        Constraints that close loops of the tree.
 
     Raises
     ------
@@ -95,11 +98,13 @@ class Model:
     supply: Supply | None = None
     package_dirs: tuple[str, ...] = ()
     excluded: tuple[tuple[str, str], ...] = ()
+    loops: tuple[Loop, ...] = ()
 
     def __repr__(self) -> str:
         counts = {
             "moving joints": self.joint_names, "locked": self.locked, "servos": self.servos,
             "contact points": self.contacts, "shapes": self.shapes, "keyframes": self.keyframes,
+            "loops": self.loops,
         }  # fmt: skip
         found = ", ".join(f"{len(parts)} {what}" for what, parts in counts.items() if parts)
         return f"<robot {clipped(self.name)}: {self.base} base, {self.mass:.4g} kg, {found}>"
@@ -120,6 +125,7 @@ class Model:
         check_links("contacts", self.links, (point.link for point in self.contacts))
         check_links("shapes", self.links, (shape.link for shape in self.shapes))
         check_links("excluded", self.links, (link for pair in self.excluded for link in pair))
+        check_loops(self.links, self.loops)
         check_can_move(self.joints, self.held)
         for name, q in self.keyframes.items():
             check(vector_flaws(f"keyframe {name!r}", "q", q, self.nq))
@@ -426,7 +432,7 @@ class Model:
     show_tree = method("Model.show_tree()", "featherstone_gait.view.tree:tree_text")
 
 
-_PARTS = {"links": Link, "joints": Joint, "contacts": ContactPoint, "shapes": Shape}
+_PARTS = {"links": Link, "joints": Joint, "contacts": ContactPoint, "shapes": Shape, "loops": Loop}
 _TABLES = ("locked", "servos", "keyframes")
 
 

@@ -196,6 +196,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             supply=settings.supply,
             package_dirs=package_dirs,
             excluded=(*robot.excluded, *settings.excluded),
+            loops=tuple({loop.name: loop for loop in (*robot.loops, *settings.loops)}.values()),
         )
     report.raise_problems(path)
     return model

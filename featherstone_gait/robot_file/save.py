@@ -159,6 +159,8 @@ def _toml_text(model: Model) -> str:
         stated = {f.name: getattr(part, f.name) for part in parts for f in PARTS[type(part)]}
         tables[f"servos.joints.{written(name)}"] = stated
     lines = [line for title, table in tables.items() for line in ("", f"[{title}]", *_assignments(table))]
+    for loop in model.loops:
+        lines += ["", "[[loops]]", *_assignments(asdict(loop))]
     excluded = [f"excluded = {written(model.excluded)}"] if model.excluded else []
     return "\n".join([f"base = {written(model.base)}", "contacts = [", *contacts, "]", *excluded, *lines, ""])
 

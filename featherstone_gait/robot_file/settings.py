@@ -8,9 +8,10 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..model import Base, ContactPoint, Joint, Link, Servo, Supply
+from ..model import Base, ContactPoint, Joint, Link, Loop, Servo, Supply
 from ..model.checks import check, field_flaws
 from ..model.degrees import ball_name, by_degree, degrees_of, is_first
+from ..model.loop import check_loops
 from ..model.tree_checks import check_links, check_locked
 from .report import Report
 from .robot import Posture
@@ -21,7 +22,7 @@ OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
     "links": ("gravity_compensation",),
     "joints": ("armature", "stiffness", "spring_reference"),
 }
-SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded")  # of the file
+SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded", "loops")  # of the file
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
@@ -38,6 +39,7 @@ class Settings(NamedTuple):
     supply: Supply | None = None
     choice: str | tuple[str, ...] | None = None  # of collision shapes in place of contact points
     excluded: tuple[tuple[str, str], ...] = ()  # links that do not touch each other
+    loops: tuple[Loop, ...] = ()
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report) -> Settings:
@@ -77,6 +79,8 @@ def _section(
         pairs = name_pairs_of(table, name, 'write [["hand", "thigh"], ...]')
         check_links(name, links, (link for pair in pairs for link in pair))
         return {name: pairs}
+    if name == "loops":
+        return {name: _loops(table[name], links)}
     inside = table_of(table, name, "")
     if name == "servos":
         return {name: read_servos(inside, joints, folder, report)}
@@ -195,6 +199,19 @@ def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
             check_links("contacts", links, (row["link"],) if name else ())
     problems.raise_all()
     return tuple(points)
+
+
+def _loops(rows: Any, links: tuple[Link, ...]) -> tuple[Loop, ...]:
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise ValueError(f"loops is {rows!r}; expected tables: write [[loops]] above each")
+    found, problems = list[Loop](), Problems()
+    for k, row in enumerate(rows):
+        with problems.at(row):
+            named = f"loop {row['name']!r}" if isinstance(row.get("name"), str) else f"loops[{k}]"
+            found.append(record(Loop, row, f"loops[{k}]", named))
+            check_loops(links, found)
+    problems.raise_all()
+    return tuple(found)
 
 
 def _locked_set(sets: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> dict[str, float]:

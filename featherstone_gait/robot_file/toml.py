@@ -154,6 +154,8 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "float": number,
     "float | None": number,
     "Vector": vector,
+    "LoopKind": string,
+    "str | None": string,
 }
 
 

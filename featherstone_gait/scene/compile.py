@@ -14,6 +14,7 @@ import numpy as np
 from ..base import deprecated
 from ..base.arguments import instance, listed, shown
 from ..base.brief import clipped, some
+from ..base.flaws import quoted
 from ..base.portable_math import sincos
 from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
@@ -362,8 +363,19 @@ def compile_scene(
     return _compile_members(model, options)
 
 
+def _check_no_loops(model: Model) -> None:
+    """Raise ValueError for a model with loops, which steps do not close."""
+    if model.loops:
+        raise ValueError(
+            f"{model.name}: loops {quoted([loop.name for loop in model.loops])} cannot be simulated yet; "
+            "forward_dynamics, loop_forces and inverse_kinematics close them: simulate the open tree with "
+            "dataclasses.replace(model, loops=())"
+        )
+
+
 def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     """Compile one model."""
+    _check_no_loops(model)
     options, ground = check_options(model, given), given.ground
     tree, drive, g = compile_tree(model), build_drive(model, options.gearbox), np.asarray(options.gravity)
     contact, ties = build_contact(model, tree, ground, g), build_springs(tree, options.springs)

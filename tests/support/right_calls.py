@@ -123,6 +123,8 @@ def _parts() -> Iterator[Call]:
         field,
         fg.ContactPoint("a", (0, 0, 0)),
         fg.Spring("a", "b", stiffness=1.0),
+        fg.Loop("pin", "hinge", "a", "b", (0.1, 0.0, 0.0), axis=(0.0, 1.0, 0.0)),
+        fg.Loop("rod", "distance", "a", distance=0.1),
         fg.Sphere(1.0),
         fg.Capsule(1.0, 1.0),
         fg.Cylinder(1.0, 1.0),
@@ -167,6 +169,10 @@ def _dynamics() -> Iterator[Call]:
         yield Call("to_engine", fg.to_engine, state | {"qd": np.zeros(model.nv)})
         yield Call("from_engine", fg.from_engine, state | {"v": np.zeros(model.nv)})
         yield Call("coupling_matrix", fg.coupling_matrix, {"model": model})
+        bound = replace(model, loops=(fg.Loop("rod", "distance", link, None, (0.1, 0.0, 0.0), distance=5.0),))
+        yield Call("loop_forces", fg.loop_forces, moving | {"tau": v, "model": bound} | pushed)
+        for name in ("loop_gaps", "loop_jacobian", "degrees_of_freedom"):
+            yield Call(name, getattr(fg, name), {"model": bound, "q": q})
     yield Call("clearance", fg.clearance, {"model": arm(), "q": np.zeros(2)})
 
 
@@ -292,6 +298,9 @@ def _postures() -> Iterator[Call]:
     }
     there = fg.Target("b", (0.1, 0.0, -0.2))
     yield Call("inverse_kinematics", fg.inverse_kinematics, place | {"targets": there})
+    near = {name: place[name] for name in ("joints", "hold_base", "tolerance", "max_iterations")}
+    bound = replace(arm(), loops=(fg.Loop("rod", "distance", "b", None, (0.1, 0.0, 0.0), distance=0.2),))
+    yield Call("close_loops", fg.close_loops, near | {"model": bound, "q": np.zeros(2)})
     spoil = there._asdict() | {"rotation": (0.0, 0.0, 0.0)}
     yield Call("Target", lambda **target: fg.inverse_kinematics(arm(), fg.Target(**target)), spoil)
     yield Call("nearest_posture", fg.nearest_posture, {"model": arm()})

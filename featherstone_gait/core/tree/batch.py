@@ -3,11 +3,12 @@
 from ..compile.elementary import exp
 from ..compile.jit import entry, inline
 from ..compile.optional import in_lanes, item
-from .aba import aba
+from .aba import aba, acceleration_pass, articulated_pass, constrain
 from .crba import crba
 from .energy import center_of_mass, energy, momentum
-from .kinematics import motion_pass
+from .kinematics import base_acceleration, motion_pass
 from .layout import Motion
+from .loop import BIAS, GAP, SPEED, close, fill_loops, loop_jacobian
 from .rnea import rnea
 
 
@@ -82,6 +83,42 @@ def poses_rows(robot, motion, W, poses):
         for k in range(len(robot.tree)):
             for c in range(12):
                 poses[i, k, c] = W[0, k, c]
+
+
+@entry
+def loop_rows(robot, loop, motion, W, rows, measures, base_J, J):
+    """Fill gap, speed and bias (n, 3, m) of the rows of loops, and their Jacobians (n, m, 6) and (n, m, joints)."""
+    for i in range(len(measures)):
+        at = _row(motion, i)
+        motion_pass(robot.tree, None, robot.gravity, at, W[0])
+        fill_loops(loop, robot.gravity, at.base_q, W[0], rows)
+        for r in range(len(rows)):
+            measures[i, 0, r] = rows[r, GAP]
+            measures[i, 1, r] = rows[r, SPEED]
+            measures[i, 2, r] = rows[r, BIAS]
+        loop_jacobian(robot.tree, loop, rows, W[0], item(base_J, i), J[i])
+
+
+@entry
+def closed_rows(robot, loops, motion, given, scratch, out):
+    """Compute the accelerations of robots whose loops stay closed.
+
+    loops: (1,) TREE and (loops,) LOOP; given: base_tau (n, 6), tau (n, joints), wrench (n, bodies, 6); scratch: W,
+    rows, responses, roots and L of `close`; out: base_qdd (n, 6), qdd (n, joints) and the forces (n, m) to fill.
+    """
+    (trees, loop), (base_tau, tau, wrench), (base_qdd, qdd, forces) = loops, given, out
+    W, rows, responses, roots, L = scratch
+    part = trees[0]
+    for i in range(len(tau)):
+        at = _row(motion, i)
+        motion_pass(robot.tree, None, robot.gravity, at, W[0])
+        fill_loops(loop, robot.gravity, at.base_q, W[0], rows)
+        push = item(wrench, i)
+        articulated_pass(robot.tree, part, at.base_q, item(base_tau, i), tau[i], robot.armature, push, None, W[0])
+        constrain(robot.coupling, part, at.base_q, None, robot.tree, W[0])
+        close(robot, part, loop, W[0], rows, (responses, roots, L), forces[i])
+        acceleration_pass(robot.tree, part, W[0], qdd[i])
+        base_acceleration(0, item(base_qdd, i), W[0])
 
 
 @entry

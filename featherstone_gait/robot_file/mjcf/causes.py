@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...base.flaws import quoted
-from . import equalities
+from . import equalities, loops
 from .tree import BALL, FREE, NO_DAMPERS, NO_SPRINGS, Tree, moving_trees, vector
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -21,7 +21,9 @@ def refusals(m: Any, names: Tree) -> Iterator[str]:
     """Yield why a compiled file cannot be a Model, all reasons at once."""
     if m.nbody == 1:
         yield "there is no <body>; a robot needs one or more: add them to <worldbody>"
-    yield from equalities.refusals(m, names.joint_names, [names.holds(m, b) for b in range(m.nbody)])
+    held = [names.holds(m, b) for b in range(m.nbody)]
+    yield from equalities.refusals(m, names.joint_names, held, loops.closing(m))
+    yield from loops.loop_refusals(m, names)
     if m.nflex:
         yield f"{m.nflex} flexible bodies <flex>; only rigid ones are simulated: remove them"
     if (m.body_plugin >= 0).any() or (m.actuator_plugin >= 0).any():
@@ -136,6 +138,7 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
             yield f"skipped {count} {what}"
     if equalities.couplings(m):
         yield "took the equalities of joints as exact; MuJoCo's give way"
+    yield from loops.loop_notes(m, tree)
     held = equalities.held_joints(m)
     if held:
         yield f"held joints {quoted([tree.joint_names[j] for j in held])} where equalities put them"

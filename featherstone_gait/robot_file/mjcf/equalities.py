@@ -1,13 +1,13 @@
-"""Read the equalities of a compiled MJCF file: linear ones between joints, which become couplings.
+"""Read the equalities of joints of a compiled MJCF file: linear ones, which become couplings.
 
 An equality of joints or of fixed tendons, whose lengths are sums c q of joints, says sum c (q - q0) = a, q0 of the
 posture in which the file is compiled.  Over two joints it is a coupling, over one it holds the joint.
-Spatial tendons, which run through sites and around geoms, are not supported.
+`loops.py` reads those that close loops.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from typing import Any, NamedTuple
 
 CONNECT, WELD, JOINT, TENDON = range(4)  # mjtEq
@@ -96,14 +96,14 @@ def held_joints(m: Any) -> dict[int, float]:
     return {line.follower: line.offset for line in lines(m).values() if line.leader < 0}
 
 
-def refusals(m: Any, names: list[str], taken: list[bool]) -> Iterator[str]:
-    """Yield why equalities cannot be couplings.
+def refusals(m: Any, names: list[str], taken: list[bool], loops: Container[int]) -> Iterator[str]:
+    """Yield why equalities can be neither couplings nor loops.
 
-    names: of joints; taken: whether a body belongs to the robot
+    names: of joints; taken: whether a body belongs to the robot; loops: equalities that close loops
     """
     found = lines(m)
     for k in active(m):
-        if k in found or not any(taken[b] for b in _bodies(m, k)) or follows_mocap(m, k):
+        if k in found or k in loops or not any(taken[b] for b in _bodies(m, k)) or follows_mocap(m, k):
             continue
         if m.eq_type[k] == JOINT:
             yield (
@@ -113,7 +113,10 @@ def refusals(m: Any, names: list[str], taken: list[bool]) -> Iterator[str]:
         else:
             kind = int(m.eq_type[k])
             what = KINDS[kind] if kind < len(KINDS) else f"of kind {kind}"
-            yield f"equality {title(m, k)} <{what}> closes a loop; remove it, or set active='false'"
+            yield (
+                f"equality {title(m, k)} <{what}> is not supported; of tendons those are that are fixed and move one "
+                "or two joints, and those that run straight between two sites: remove it, or set active='false'"
+            )
     led: dict[int, list[str]] = {}
     for k, line in found.items():
         led.setdefault(line.follower, []).append(title(m, k))

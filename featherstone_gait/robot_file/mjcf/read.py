@@ -18,6 +18,7 @@ from ..robot import Posture, Robot
 from .actuators import Actuators, read_actuators
 from .causes import doubts, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
+from .loops import equality_names, read_loops
 from .sizes import check_sizes, documents_of
 from .touching import collisions, links_apart, paired_geoms, read_touching
 from .tree import BALL, Tree, read_shapes, read_tree
@@ -54,7 +55,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     apart = links_apart([tree.bodies[m.geom_bodyid[g]] for g in geoms], collisions(m, geoms, paired_geoms(m)))
     return Robot(
         name_of(m, path), tree.links, actuators.joints, shapes, tree.base, held_by(m, tree), actuators.servos,
-        postures_of(m, tree), tuple(apart),
+        postures_of(m, tree), tuple(apart), read_loops(m, tree, equality_names(m)),
     )  # fmt: skip
 
 

@@ -27,7 +27,8 @@ from ..report import Report
 from ..robot import Robot
 from .actuators import read_actuators
 from .causes import doubts, gravity_of, notes, refusals
-from .equalities import Line, couplings
+from .equalities import Line, couplings, title
+from .loops import closing, equality_names, read_loops
 from .read import compiled, held_by, name_of, postures_of
 from .sizes import documents_of
 from .touching import FRICTIONLESS, collisions, excluded_bodies, links_apart, meets, paired_geoms
@@ -113,7 +114,7 @@ def read_scene(path: Path, report: Report) -> Content:
         name = unused(prefixes.get(top, bodies[top].replace(SEPARATOR, "_")), taken)
         if top in moving:
             tree = _tree(m, top, prefixes.get(top, ""), bodies, joints, mimics)
-            members.append(_member(m, tree, top, name, solids, report))
+            members.append(_member(m, tree, top, name, solids, report, prefixes.get(top, "")))
             links = tree.bodies
         elif geoms := [g for g in solids.shapes if m.geom_bodyid[g] in own]:
             obstacles.append(_obstacle(m, top, name, geoms, solids))
@@ -157,6 +158,13 @@ def _between_trees(m: Any, mimics: Mapping[int, Line], names: list[str]) -> Iter
                 f"joint {names[j]!r} follows joint {names[line.leader]!r} of another tree; a joint can follow one of "
                 "its own tree: remove the equality, or set active='false'"
             )
+    for k, both in closing(m).items():
+        one, two = (end.body for end in both)
+        if m.body_weldid[one] and m.body_weldid[two] and m.body_rootid[one] != m.body_rootid[two]:
+            yield (
+                f"equality {title(m, k)} closes a loop of two trees; a loop has both ends in one tree, or one in the "
+                "world: remove it, or set active='false'"
+            )
 
 
 def _switched_off(m: Any) -> Iterator[str]:
@@ -193,7 +201,7 @@ def _tree(m: Any, top: int, prefix: str, bodies: list[str], joints: list[str], m
     return tree_at(m, top, bodies, joints, mimics)
 
 
-def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Report) -> Part:
+def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Report, prefix: str) -> Part:
     joints: tuple[Joint, ...] = tree.joints
     servos = {}
     with report.blaming():
@@ -205,9 +213,11 @@ def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Rep
             report.remark(sentence)
     own = [g for g in solids.shapes if m.body_rootid[m.geom_bodyid[g]] == top]
     shapes = {g: replace(solids.shapes[g], link=tree.bodies[m.geom_bodyid[g]]) for g in own}
+    loops = read_loops(m, tree, [x.removeprefix(f"{prefix}{SEPARATOR}") for x in equality_names(m)], top)
     robot = Robot(
-        name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree)
-    )
+        name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree),
+        loops=loops,
+    )  # fmt: skip
     touching = tuple(shape for g, shape in shapes.items() if g in solids.friction)
     return Part(robot, vector(m.body_pos[top]), tuple(m.body_quat[top].tolist()), touching)
 

@@ -24,6 +24,7 @@ from ...model.degrees import degrees_of, written_degrees
 from ...model.rigid_bodies import depth_first_joints, held_frame
 from ..markup import comment, element
 from ..urdf import TRIANGLE_TOLERANCE
+from .loops import loop_lines, site_lines, tendon_lines
 from .tree import NO_STOP, WORLD, unused
 from .write_actuators import actuator_lines, passive
 from .write_geoms import field_lines, floor_lines, geom_lines, mesh_lines, pair_lines, unread_meshes
@@ -48,12 +49,14 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
     couplings = [(joint.name, joint.mimic) for joint in model.moving_joints if joint.mimic]
     sections = {
         "asset": [*mesh_lines(model), *field_lines(ground)],
-        "worldbody": [*floor, *_root_lines(model, inertias)],
+        "worldbody": [*floor, *site_lines(model, None), *_root_lines(model, inertias)],
         "equality": [
             line
             for name, (leader, b, a) in ((name, astuple(mimic)) for name, mimic in couplings)
             for line in element("joint", {"joint1": name, "joint2": leader, "polycoef": (a, b, 0, 0, 0)})
-        ],
+        ]
+        + loop_lines(model),
+        "tendon": tendon_lines(model),
         "contact": [*pair_lines(model, ground), *_exclude_lines(model)],
         "actuator": actuators,
         "keyframe": _key_lines(model),
@@ -84,6 +87,8 @@ def _remarks(model: Model, ground: Ground | None) -> list[str]:
         remarks.append(f"link 'world' is called {_body_name(model, WORLD)!r}")
     if unread_meshes(model):
         remarks.append("left out meshes that MuJoCo does not find or read: " + ", ".join(unread_meshes(model)))
+    if hinges := [loop.name for loop in model.loops if loop.kind == "hinge"]:
+        remarks.append("MJCF cannot state loops with a hinge; wrote two points of its axis: " + ", ".join(hinges))
     if model.contacts:
         remarks.append("contact points are small spheres and flat cylinders; shapes touch nothing beside them")
     return remarks
@@ -121,7 +126,7 @@ def _root_lines(model: Model, inertias: Inertials) -> list[str]:
 def _inside(model: Model, link: str, inertias: Inertials) -> list[str]:
     """Write what a link's body holds besides its joints."""
     children = [line for joint in model.joints if joint.parent == link for line in _child_lines(model, joint, inertias)]
-    return [*inertias.get(link, []), *geom_lines(model, link), *children]
+    return [*inertias.get(link, []), *geom_lines(model, link), *site_lines(model, link), *children]
 
 
 def _child_lines(model: Model, joint: Joint, inertias: Inertials) -> list[str]:
@@ -173,6 +178,7 @@ def _is_frame(model: Model, name: str) -> bool:
     link = model.link(name)
     ends = [joint for joint in model.joints if name in (joint.parent, joint.child)]
     carries = {shape.link for shape in model.shapes} | {point.link for point in model.contacts}
+    carries |= {end for loop in model.loops for end in (loop.a, loop.b) if end is not None}
     plain = link.mass == 0 and not any(link.inertia) and name != model.root and name not in carries
     return plain and len(ends) == 2 and all(_moves(model, one) for joint in ends for one in written_degrees(joint))
 

@@ -1,0 +1,310 @@
+"""Rigid loops: rows that hold two bodies, or a body and the world, together at points, axes and frames.
+
+Each row is a unit force along d at the points of both ends, or a unit moment, +d on body a and -d on body b, in the
+common frame.  With the velocities and the accelerations A of zero joint accelerations that `motion_pass` has left, a
+row has a gap, its speed J qd and the bias Jdot qd.  The accelerations are those of
+
+    M a = tau - c + J' f,   J a + Jdot qd = 0,
+
+so L f = -(J a0 + Jdot qd) with L = J M^-1 J', by unit forces in the factors of the first pass (`rows.py`).  Rows are
+scaled to a unit diagonal of L and the system is solved with the compliance COMPLIANCE, ROUNDS times, each from the
+forces of the last (the proximal method of multipliers): redundant rows share their force, and a posture in which rows
+depend on each other is no exception.
+"""
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import select, sqrt
+from ..compile.structure import record
+from .joint import along
+from .layout import A, P, R, V
+from .rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, product
+from .spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub
+
+CONNECT, WELD, HINGE, DISTANCE = 0, 1, 2, 3
+
+LOOP = record(
+    kind=int,
+    first=int,  # its first row
+    a=int,  # row of the first body
+    b=int,  # row of the second body; WORLD for the world of a floating base
+    pa=(float, 3),  # point in the frame of body a [m]
+    pb=(float, 3),  # point in the frame of body b, or in the world [m]
+    Ea=(float, 9),  # frame -> body a, row by row; of a hinge z is the axis
+    Eb=(float, 9),
+    distance=float,  # [m]
+)
+WORLD = -1
+
+# Columns of a row.
+D = 0  # 3: direction of force or moment on body a
+PA = 3  # 3: point on body a [m]
+PB = 6  # 3: point on body b [m]
+GAP = 9  # [m or rad]
+SPEED = 10  # [m/s or rad/s]
+BIAS = 11  # [m/s^2 or rad/s^2]
+SIZE = 12
+
+COMPLIANCE = 1e-9  # of a row, by its diagonal of L
+ROUNDS = 10  # of a combination of rows with the eigenvalue k of the scaled L they leave (1e-9 / (1e-9 + k))^10
+IMMOVABLE = 1e-22  # of the largest diagonal of L: a row below it moves nothing but by rounding
+SHORTEST = 1e-12  # distance of two points that still has a direction [m]
+
+
+@kernel
+def fill_loops(loop, gravity, base_q, W, rows):
+    """Fill the rows (m, SIZE) of all loops; call it after `motion_pass` without accelerations.
+
+    loop (loops,) LOOP; gravity (3,) [m/s^2]; base_q (7,) of a floating base or None.
+    """
+    for c in range(len(loop)):
+        k = loop[c]
+        Ra, xa = _place(base_q, k.a, k.Ea, k.pa, W)
+        Rb, xb = _place(base_q, k.b, k.Eb, k.pb, W)
+        turning, moving = _relative(k, gravity, xa, xb, W)
+        if k.kind == DISTANCE:
+            _fill_rod(k, xa, xb, moving, rows)
+        else:
+            _fill_three(k.first, xa, xb, sub(xa, xb), moving, rows)
+            if k.kind == WELD:
+                _fill_three(k.first + 3, xa, xb, _turn(Ra, Rb), turning, rows)
+            elif k.kind == HINGE:
+                _fill_axis(k.first + 3, (Ra[0], Ra[3], Ra[6]), k, Rb, xa, xb, turning, W, rows)
+                _fill_axis(k.first + 4, (Ra[1], Ra[4], Ra[7]), k, Rb, xa, xb, turning, W, rows)
+
+
+@inline
+def _place(base_q, i, E, r, W):
+    """Return rotation (9) and origin (3) of the frame (E, r) of body i, common frame."""
+    zero = 0.0 * W[0, P]
+    turn = (E[0] + zero, E[1] + zero, E[2] + zero, E[3] + zero, E[4] + zero, E[5] + zero, E[6] + zero, E[7] + zero,
+            E[8] + zero)  # fmt: skip
+    at = (r[0] + zero, r[1] + zero, r[2] + zero)
+    if i >= 0:
+        Ri = load9(W, i, R)
+        turn, at = compose(Ri, turn), add(load3(W, i, P), rotate(Ri, at))
+    elif base_q is not None:
+        at = sub(at, (base_q[0], base_q[1], base_q[2]))
+    return turn, at
+
+
+@inline
+def _relative(k, gravity, xa, xb, W):
+    """Return velocity and acceleration of a against b: of the rotation, and of the points."""
+    wa, va, alpha_a, aa = _motion(k.a, gravity, xa, W)
+    wb, vb, alpha_b, ab = _motion(k.b, gravity, xb, W)
+    return (sub(wa, wb), sub(alpha_a, alpha_b)), (sub(va, vb), sub(aa, ab))
+
+
+@inline
+def _motion(i, gravity, x, W):
+    """Return w, v, alpha and a less gravity of body i at a point x."""
+    zero = 0.0 * x[0]
+    w, v, alpha = (zero, zero, zero), (zero, zero, zero), (zero, zero, zero)
+    a = (zero - gravity[0], zero - gravity[1], zero - gravity[2])
+    if i >= 0:
+        w, alpha = load3(W, i, V), load3(W, i, A)
+        v = add(load3(W, i, V + 3), cross(w, x))
+        a = add(load3(W, i, A + 3), add(cross(alpha, x), cross(w, v)))
+    return w, v, alpha, a
+
+
+@inline
+def _turning(i, W):
+    """Return the angular velocity of body i."""
+    zero = 0.0 * W[0, P]
+    w = (zero, zero, zero)
+    if i >= 0:
+        w = load3(W, i, V)
+    return w
+
+
+@inline
+def _fill_row(r, d, xa, xb, gap, speed, bias, rows):
+    store3(rows, r, D, d)
+    store3(rows, r, PA, xa)
+    store3(rows, r, PB, xb)
+    rows[r, GAP] = gap
+    rows[r, SPEED] = speed
+    rows[r, BIAS] = bias
+
+
+@inline
+def _fill_three(r, xa, xb, gap, motion, rows):
+    """Fill three rows along the world's axes; motion: relative velocity and acceleration."""
+    (u, a), one = motion, 1.0 + 0.0 * xa[0]
+    zero = 0.0 * one
+    _fill_row(r, (one, zero, zero), xa, xb, gap[0], u[0], a[0], rows)
+    _fill_row(r + 1, (zero, one, zero), xa, xb, gap[1], u[1], a[1], rows)
+    _fill_row(r + 2, (zero, zero, one), xa, xb, gap[2], u[2], a[2], rows)
+
+
+@inline
+def _turn(Ra, Rb):
+    """Return twice the vector part of the unit quaternion that turns frame b to frame a."""
+    xa, xb = (Ra[0], Ra[3], Ra[6]), (Rb[0], Rb[3], Rb[6])
+    ya, yb = (Ra[1], Ra[4], Ra[7]), (Rb[1], Rb[4], Rb[7])
+    za, zb = (Ra[2], Ra[5], Ra[8]), (Rb[2], Rb[5], Rb[8])
+    sine = add(cross(xb, xa), add(cross(yb, ya), cross(zb, za)))  # 2 sin(angle) along the axis
+    square = 1.0 + dot(xa, xb) + dot(ya, yb) + dot(za, zb)  # 4 cos^2(angle / 2)
+    return scale(sine, 1.0 / sqrt(select(square > SHORTEST, square, SHORTEST)))
+
+
+@inline
+def _fill_axis(r, t, k, Rb, xa, xb, turning, W, rows):
+    """Fill the row that keeps an axis t across the hinge's axis in body a at a right angle to that axis in body b."""
+    s, (w, alpha) = (Rb[2], Rb[5], Rb[8]), turning
+    d = cross(t, s)
+    wa = _turning(k.a, W)
+    wb = sub(wa, w)
+    rate = add(cross(cross(wa, t), s), cross(t, cross(wb, s)))
+    _fill_row(r, d, xa, xb, dot(t, s), dot(d, w), dot(d, alpha) + dot(rate, w), rows)
+
+
+@inline
+def _fill_rod(k, xa, xb, moving, rows):
+    v, a = moving
+    x = sub(xa, xb)
+    size = sqrt(dot(x, x))
+    inverse = 1.0 / select(size > SHORTEST, size, SHORTEST)
+    d = scale(x, inverse)
+    speed = dot(d, v)
+    bias = dot(d, a) + (dot(v, v) - speed * speed) * inverse
+    _fill_row(k.first, d, xa, xb, size - k.distance, speed, bias, rows)
+
+
+@inline
+def row_count(kind):
+    """Return the number of rows of a kind of loop."""
+    if kind == WELD:
+        return 6
+    if kind == HINGE:
+        return 5
+    if kind == DISTANCE:
+        return 1
+    return 3
+
+
+# ------------------------------------------------------------------------------------------------- Jacobian
+
+
+@kernel
+def loop_jacobian(tree, loop, rows, W, base_J, J):
+    """Fill J (m, n) of the joints and base_J (m, 6) of a floating base, of rows that `fill_loops` has filled."""
+    for c in range(len(loop)):
+        k = loop[c]
+        for t in range(row_count(k.kind)):
+            r = k.first + t
+            d = load3(rows, r, D)
+            for i in range(J.shape[1]):
+                J[r, i] = 0.0
+            if base_J is not None:
+                for i in range(6):
+                    base_J[r, i] = 0.0
+            _add_end(tree, k.a, t, d, load3(rows, r, PA), r, W, base_J, J)
+            _add_end(tree, k.b, t, scale(d, -1.0), load3(rows, r, PB), r, W, base_J, J)
+
+
+@inline
+def _add_end(tree, i, t, d, x, r, W, base_J, J):
+    """Add what a unit force on body i does along the coordinates, from a loop's fourth row on a unit moment."""
+    zero = 0.0 * d[0]
+    n, f = cross(x, d), d
+    if t >= 3:
+        n, f = d, (zero, zero, zero)
+    if i >= 0:
+        while i > 0:
+            J[r, tree[i].dof] += along(tree[i], i, n, f, W)
+            i = tree[i].parent
+        if base_J is not None:
+            n = rotate_back(load9(W, 0, R), n)
+            for k in range(3):
+                base_J[r, k] += f[k]
+                base_J[r, 3 + k] += n[k]
+
+
+# ------------------------------------------------------------------------------------------------- forces
+
+
+@kernel
+def close(robot, part, loop, W, rows, scratch, force):
+    """Let forces of the loops act on the solution that the first pass and the couplings have left.
+
+    part: TREE; rows as `fill_loops` has filled them; scratch: responses (m, 1, n + 1), roots (m, 1, 12), L (m, m + 2);
+    force (m,) [N or N m] becomes the force or moment of each row on body a along its direction.
+    """
+    (responses, roots, L), m, tree = scratch, len(force), robot.tree
+    for c in range(len(loop)):
+        k = loop[c]
+        for t in range(row_count(k.kind)):
+            r = k.first + t
+            clear_row(part, tree, r, 0, responses, roots)
+            d = load3(rows, r, D)
+            back = scale(d, -1.0)
+            if t >= 3:
+                add_moment(tree, part, k.a, d, r, 0, W, responses, roots)
+                if k.b >= 0:
+                    add_moment(tree, part, k.b, back, r, 0, W, responses, roots)
+            else:
+                add_force(tree, part, k.a, load3(rows, r, PA), d, r, 0, W, responses, roots)
+                if k.b >= 0:
+                    add_force(tree, part, k.b, load3(rows, r, PB), back, r, 0, W, responses, roots)
+    answer_root(robot, part, None, 0, m, 0, W, responses, roots)
+    for r in range(m):
+        for s in range(r + 1):
+            L[r, s] = product(part, tree, r, 0, s, 0, W, responses, roots)
+        force[r] = acceleration_along(part, tree, r, 0, W, responses, roots) + rows[r, BIAS]
+    solve_rows(L, force)
+    for r in range(m):
+        apply_row(part, tree, r, 0, force[r], W, responses, roots)
+
+
+@kernel
+def solve_rows(L, x):
+    """Solve L f = -x, of the lower triangle of L (m, m + 2), by the proximal iteration; f replaces x."""
+    m = len(x)
+    largest = 0.0 * x[0]
+    for r in range(m):
+        largest = select(L[r, r] > largest, L[r, r], largest)
+    for r in range(m):  # columns m and m + 1: the scale, and the scaled right-hand side
+        movable = L[r, r] > IMMOVABLE * largest
+        L[r, m] = select(movable, 1.0 / sqrt(select(movable, L[r, r], 1.0)), 0.0)
+        L[r, m + 1] = -x[r] * L[r, m]
+        x[r] = 0.0
+    for r in range(m):
+        for s in range(r + 1):
+            L[r, s] = L[r, s] * L[r, m] * L[s, m]
+        L[r, r] = L[r, r] + COMPLIANCE
+    _factor(L, m)
+    for _ in range(ROUNDS):
+        for r in range(m):
+            x[r] = L[r, m + 1] + COMPLIANCE * x[r]
+        _substitute(L, m, x)
+    for r in range(m):
+        x[r] = x[r] * L[r, m]
+
+
+@inline
+def _factor(L, m):
+    """Replace the lower triangle by its Cholesky factor, whose diagonal is kept inverted."""
+    for r in range(m):
+        for s in range(r + 1):
+            y = L[r, s]
+            for k in range(s):
+                y = y - L[r, k] * L[s, k]
+            if s < r:
+                L[r, s] = y * L[s, s]
+            else:
+                L[r, r] = 1.0 / sqrt(y)
+
+
+@inline
+def _substitute(L, m, x):
+    for r in range(m):
+        for k in range(r):
+            x[r] = x[r] - L[r, k] * x[k]
+        x[r] = x[r] * L[r, r]
+    for t in range(m):
+        r = m - 1 - t
+        for k in range(r + 1, m):
+            x[r] = x[r] - L[k, r] * x[k]
+        x[r] = x[r] * L[r, r]
