@@ -36,6 +36,7 @@ from featherstone_gait.dynamics import (
 from featherstone_gait.dynamics.jacobians import center_of_mass_jacobian, jacobian, link_index
 from featherstone_gait.model import Joint, Link, Model
 from featherstone_gait.model.numpy_dynamics import link_poses, mass_matrix_at, zero_position
+from featherstone_gait.walking.stance import standing
 
 POINT = (0.03, -0.02, 0.05)
 AXIS = (0.6, 0.0, 0.8)
@@ -360,6 +361,8 @@ def test_a_session_reads_and_sets_quaternions():
 
 
 def test_what_knows_no_ball_joints_says_so():
+    with pytest.raises(ValueError, match="servos that walk turn single axes, and tip are ball joints"):
+        standing(top())
     with pytest.raises(ValueError, match="trim knows no ball joints, and tip are some"):
         trim(compile_scene(top()))
     with pytest.raises(ValueError, match="q has quaternions of ball joints"):
