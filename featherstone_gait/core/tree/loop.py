@@ -44,8 +44,8 @@ SPEED = 10  # [m/s or rad/s]
 BIAS = 11  # [m/s^2 or rad/s^2]
 SIZE = 12
 
-COMPLIANCE = 1e-9  # of a row, by its diagonal of L
-ROUNDS = 10  # of a combination of rows with the eigenvalue k of the scaled L they leave (1e-9 / (1e-9 + k))^10
+COMPLIANCE = 1e-8  # of a row, by its diagonal of L
+ROUNDS = 10  # of a combination of rows with the eigenvalue k of the scaled L they leave (1e-8 / (1e-8 + k))^10
 IMMOVABLE = 1e-22  # of the largest diagonal of L: a row below it moves nothing but by rounding
 SHORTEST = 1e-12  # distance of two points that still has a direction [m]
 
