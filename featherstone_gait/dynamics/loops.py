@@ -10,7 +10,7 @@ from ..base.fixed_order import applied, product, total
 from ..model import Model
 from .algorithms import check_model, coupling_matrix, loop_jacobian
 
-DEPENDENT = 1e-9  # of the largest row: what is left of a row that others imply
+DEPENDENT = 1e-6  # of the largest row: what digits of files leave of a row that others imply
 
 
 def degrees_of_freedom(model: Model, q: ArrayLike) -> int:

@@ -43,7 +43,7 @@ def _joining_flaws(names: set[str], joints: list[Joint]) -> Iterator[Flaw]:
             yield Flaw(
                 what,
                 f"link {joint.child!r} is the child of joints {parent_joint[joint.child].name!r} and {joint.name!r}; "
-                "a link has one parent joint: cut the closed loop, or rename one of the two",
+                "a link has one parent joint: cut the closed loop and close it by a Loop, or rename one of the two",
             )
         parent_joint[joint.child] = joint
 

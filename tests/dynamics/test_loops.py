@@ -24,11 +24,13 @@ from featherstone_gait import (
     inverse_dynamics,
     inverse_kinematics,
     load_robot,
+    load_scene,
     loop_forces,
     loop_gaps,
     loop_jacobian,
     mass_matrix,
     save_robot,
+    save_scene,
 )
 from featherstone_gait.base.rotation import rotation_from_rpy, rpy_from_rotation
 from featherstone_gait.dynamics.algorithms import loop_measures
@@ -358,6 +360,48 @@ def test_accelerations_solve_the_equations_of_mujocos_matrices(base, tmp_path):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
+ROD = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body name="hip" pos="0 0 1"><freejoint/><geom size="0.1"/>
+<body name="shank" pos="0.1 0 0"><joint name="knee" axis="0 1 0"/><geom type="box" size="0.05 0.02 0.3" pos="0 0 -0.3"/>
+<body name="foot" pos="0 0 -0.6"><joint name="pitch" axis="0 1 0"/><joint name="roll" axis="1 0 0"/>
+<geom type="box" size="0.1 0.05 0.02"/></body></body>
+<body name="left" pos="0 0.05 0"><joint name="one" type="ball"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.6" size="0.01"/></body>
+<body name="right" pos="0 -0.05 0"><joint name="two" type="ball"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.6" size="0.01"/></body></body></worldbody>
+<equality><connect body1="left" body2="foot" anchor="0 0 -0.6"/><connect body1="right" body2="foot" anchor="0 0 -0.6"/>
+</equality></mujoco>"""
+
+
+def test_rods_on_ball_joints_move_an_ankle_as_in_mujoco(tmp_path):
+    path = tmp_path / "ankle.xml"
+    path.write_text(ROD)
+    model, m = load_robot(path), mujoco.MjModel.from_xml_path(str(path))
+    d, start = mujoco.MjData(m), np.zeros(model.nq)
+    start[[3, model.nq - 8, model.nq - 4]] = 1.0  # the quaternions of base and rods
+    q = close_loops(model, start + 0.05 * np.sin(np.arange(model.nq)))
+    assert degrees_of_freedom(model, q) == 6 + 3 + 6 - 6
+    qd, tau = closed_rates(model, q, 3), np.linspace(-1.0, 1.0, m.nv)
+    m.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    d.qpos[:], d.qvel[:] = q, qd
+    mujoco.mj_forward(m, d)
+    assert np.abs(d.efc_pos).max() < 1e-10
+    bias = []
+    for k, anchors in ((0, (0, 3)), (1, (0, 3))):
+        rates = np.zeros((2, 3, m.nv))
+        for rate, body, at in zip(rates, (m.eq_obj1id[k], m.eq_obj2id[k]), anchors, strict=True):
+            point = d.xpos[body] + d.xmat[body].reshape(3, 3) @ m.eq_data[k, at : at + 3]
+            mujoco.mj_jacDot(m, d, rate, None, point, int(body))
+        bias.append((rates[0] - rates[1]) @ qd)
+    M = np.zeros((m.nv, m.nv))
+    mujoco.mj_fullM(m, d, M)
+    wanted = projected(M, tau - d.qfrc_bias, d.efc_J.reshape(-1, m.nv), np.concatenate(bias))
+    found = forward_dynamics(model, q, qd, tau)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    save_robot(model, tmp_path / "written.urdf")
+    assert load_robot(tmp_path / "written.urdf").loops == model.loops
+
+
 def renamed_positions(model, written, q):
     """Positions of a robot in the order of joints of the model that a file gives back."""
     first = written.nq - len(written.joint_names)
@@ -479,6 +523,28 @@ def test_equalities_have_the_gaps_of_mujoco(text, tmp_path):
     if len(gaps) == 6:  # MuJoCo's is half of it, times torquescale, in the axes of a body
         assert np.linalg.norm(d.efc_pos[3:]) == pytest.approx(0.5 * np.linalg.norm(gaps[3:]) * m.eq_data[0, 10])
     assert any("rigid loops" in note for note in model.notes)
+
+
+def test_a_scene_keeps_the_loops_of_its_members(tmp_path):
+    path = tmp_path / "scene.xml"
+    pins = '<connect name="pin" body1="one" anchor="0 0 0.3"/><weld name="glue" body1="two" body2="one"/>'
+    path.write_text(BODIES % pins.replace('body2="one"', ""))
+    placed, flat = load_scene(path), load_robot(path)
+    ends = {loop.name: loop for member in placed.members for loop in member.model.loops}
+    assert sorted(ends) == ["glue", "pin"]
+    for member, angle in zip(placed.members, (0.2, -0.1), strict=True):
+        (loop,) = member.model.loops
+        gap, whole = loop_gaps(member.model, [angle]), loop_gaps(flat, [0.2, -0.1])
+        own = whole[:3] if loop.name == "pin" else whole[3:]
+        np.testing.assert_allclose(np.linalg.norm(gap), np.linalg.norm(own), rtol=0, atol=1e-14)
+    save_scene(placed, tmp_path / "again.xml")
+    again = load_scene(tmp_path / "again.xml")
+    for one, two in zip(placed.members, again.members, strict=True):
+        assert [loop.name for loop in one.model.loops] == [loop.name for loop in two.model.loops]
+        np.testing.assert_allclose(loop_gaps(one.model, [0.3]), loop_gaps(two.model, [0.3]), rtol=0, atol=1e-14)
+    path.write_text(BODIES % pins)
+    with pytest.raises(ValueError, match=r"'glue' closes a loop of two trees.*remove it"):
+        load_scene(path)
 
 
 def test_equalities_that_are_not_active_close_nothing(tmp_path):
