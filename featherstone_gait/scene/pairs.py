@@ -131,6 +131,7 @@ def build_pairs(
     if not len(used):
         return Touching(notes=(*parts.notes, "no two shapes can touch each other")), tree
     solids, chosen = [parts.solids[k] for k in used], np.searchsorted(used, chosen)
+    bodies = tree.bodies
     table, tree, own_rows = _with_rows(_table(solids, chosen), tree, _with_points(members))
     shapes = _shapes(solids)
     _fill_law(table, solids, shapes, tree, options)
@@ -147,7 +148,7 @@ def build_pairs(
     outside = np.zeros(len(radius), np.int64)
     for one, other in ((table.tree_a, table.tree_b), (table.tree_b, table.tree_a)):
         outside[one[(one != other) & (one != WORLD)]] = 1
-    pairs = Pairs(shapes, table, own_rows, reach, outside, radius, room, margin, turning)
+    pairs = Pairs(shapes, table, bodies, own_rows, reach, outside, radius, room, margin, turning)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
     return Touching(pairs, names, (*parts.notes, *_concave(solids))), tree
 

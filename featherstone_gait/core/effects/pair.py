@@ -98,6 +98,7 @@ class Pairs(NamedTuple):
 
     shapes: Shapes  # E, r of a shape: in the frame of its body
     pairs: np.ndarray  # (pairs,) PAIR, by tree_a, tree_b and then bodies
+    bodies: np.ndarray  # (n + 1,) BODY of what touches nothing: without workspace rows for pairs
     own_rows: np.ndarray  # (rows,) of row_a and row_b, those of bodies without a contact point on the ground
     reach: np.ndarray  # (joints,) bound of the way [m] that a shape moves by one radian or meter of a joint
     outside: np.ndarray  # (trees,) 1 = may touch what is not of the tree

@@ -156,7 +156,8 @@ def renewal_of(sizes: Sizes, zeros) -> Renewal | None:
     if sizes.pairs is None:
         return None
     return Renewal(
-        last=zeros(7 * sizes.trees + sizes.n), ways=zeros((3, sizes.bodies + 1)), due=zeros(len(sizes.pairs.pairs)),
+        last=zeros(7 * sizes.trees + sizes.n), ways=zeros((3, sizes.bodies + 1)),
+        weights=zeros(sizes.trees + sizes.n), due=zeros(len(sizes.pairs.pairs)),
         frames=zeros(sizes.workspace), kept=zeros((int(sizes.pairs.slots[0]), KEPT)), **_narrow_phase(sizes, zeros),
     )  # fmt: skip
 

@@ -9,9 +9,9 @@ a0 the accelerations without them: a system that is symmetric and positive defin
 point that does not push, W = 0, is a row of the unit matrix.  A point on a body that cannot move is folded into the
 other like one on the ground.
 
-Trees that touch nothing of each other are iterated each for itself, as if they were alone.  In lanes an island holds
-the trees that touch in any of them; those that do not touch in one lane have labels of their own there, so that the
-bits of a lane do not depend on its neighbors.
+Trees that touch nothing of each other are iterated each for itself, as if they were alone, and without the workspace
+rows of pairs.  In lanes an island holds the trees that touch in any of them; those that do not touch in one lane have
+labels of their own there, so that the bits of a lane do not depend on its neighbors.
 """
 
 from ..compile.jit import apart, inline, kernel
@@ -40,7 +40,7 @@ from ..effects.pair import (
 from ..tree.aba import acceleration_pass
 from ..tree.rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, product
 from ..tree.spatial import load3, scale, sub
-from .context import of_tree
+from .context import of_tree, with_bodies
 from .newton import (
     BISECTIONS,
     DA,
@@ -69,15 +69,28 @@ def solve_islands(pairs, step):
         predict(step.predicted, rotor_of(step.actuator), part)
         place_contacts(scene.contact, step.predicted, part)
     external_forces(scene.push, scene.springs, scene.lifts, step)
-    place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
-    find_islands(pairs, step)
+    if any_lane(step.y[step.offsets.pair] > 0.0):
+        place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
+        find_islands(pairs, step)
+    else:
+        _part(pool, len(trees))
     forces = any_present(any_present(acting(step), step.tau), scene.contact)
+    alone = with_bodies(step, pairs.bodies)
     for n in range(pool.count[1]):
         first = pool.first_tree[n]
         if pool.first_point[n + 1] > pool.first_point[n]:
             _solve_island(n, rotor_of(step.actuator), scene.contact, pairs, step)
         else:
-            find_velocities(forces, rotor_of(step.actuator), scene.contact, of_tree(step, trees[pool.trees[first]]))
+            find_velocities(forces, rotor_of(step.actuator), scene.contact, of_tree(alone, trees[pool.trees[first]]))
+
+
+@inline
+def _part(pool, count):
+    """Make an island of each tree where the pool holds no pair."""
+    pool.count[0], pool.count[1], pool.count[2] = 0, count, 0
+    for k in range(count):
+        pool.island[k], pool.trees[k], pool.first_tree[k], pool.first_point[k] = k, k, k, 0
+    pool.first_tree[count], pool.first_point[count] = count, 0
 
 
 @inline

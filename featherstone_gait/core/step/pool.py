@@ -1,8 +1,10 @@
 """The pool: which pairs are near, and the slots of the state in which their points keep bristles and forces.
 
 Pairs that may touch within some steps have a block of slots, in the order of the table; for all others nothing is done
-in a step.  How far apart the nearest of these others is makes a budget: the way that bodies may move until the pool is
-renewed.  A bound of the way of all shapes since then is compared with it, so that most steps look at no pair.
+in a step.  How far apart each of these others is makes its budget: the way that its shapes may come closer until the
+pool is renewed.  Each joint has a weight: the largest share that a radian or meter of it takes of the budget of a pair
+that it moves.  One weighted sum of the ways of a tree's joints bounds the shares of all its pairs, so that most steps
+look at no pair, and what moves no near pair counts little.
 
 When the pool is renewed, bounds of the way of each body since the last time say how near each pair can have come to its
 distance when that was last computed.  It is computed again only where that is too near.  What a pair's slots hold moves
@@ -27,8 +29,8 @@ from ..tree.kinematics import pose_pass
 from ..tree.separation import gap_at_least
 from ..tree.spatial import add, sub
 
-SPENDING = 3.0  # times the way of a pair's shapes in a step: below it the pair is in the pool
-FARTHER = 10.0  # times that: how far away its distance is computed
+SPENDING = 12.0  # times the way of a pair's shapes in a step: below it the pair is in the pool
+FARTHER = 40.0  # times that: how far away its distance is computed
 LONGEST = 2e-2  # [s] for which a pool is renewed; steps with error control may be longer where nothing is near
 SHORTEST = 1e-6  # step [s] that is tried before a pool is said to be too small
 SEEN = 4.0  # times the resting depth
@@ -44,6 +46,7 @@ class Renewal(NamedTuple):
 
     last: np.ndarray  # (7 trees + joints,) coordinates then
     ways: np.ndarray  # (3, bodies + 1) bounds of the way of each body's shapes so far and since then [m], speed [m/s]
+    weights: np.ndarray  # (trees + joints,) most that a meter of a base or a unit of a joint takes of a pair's budget
     due: np.ndarray  # (pairs,) the way of both shapes that they may have come when they must be looked at again [m]
     frames: np.ndarray  # poses, in the rows of the tree's workspace
     kept: np.ndarray  # (slots, KEPT)
@@ -92,40 +95,50 @@ def longest_step(pairs, run, y, h, ahead):
 def _before_contact(ahead, pairs, run, y, h):
     if ahead is None:
         if y[run.offsets[0].pair] > 0.0:
-            _, speed = _motion(run, y)
-            share = SEEN * pairs.margin / max(_way_of(speed, h), 1e-300)
+            share = SEEN * pairs.margin / max(_way_of(_fastest(run, y), h), 1e-300)
             if run.plan.second_run:  # else both would take the same steps, and their difference be none
                 share = 0.5 * share
             return min(h, h * max(share, 1e-6))
     return h
 
 
-@inline
+@kernel
 def _reaches(run, y, h):
-    """Return whether the budget is more than what shapes have moved since it was made, and may move in a step h [s]."""
-    moved, speed = _motion(run, y)
-    return moved + _way_of(speed, h) < y[run.offsets[0].pair_budget]
+    """Return whether what each pair outside of the pool has moved, and may move in a step h [s], is within its budget.
+
+    A pair has used at most the sum over its joints of reach |dq| / budget.  The weights are not less than any of these
+    factors, so that the sum over all joints of its tree, of two trees the larger one, is a bound.
+    """
+    scene, o, last, weights = run.scene, run.offsets[0], run.renewal.last, run.renewal.weights
+    trees, most = scene.trees, 0.0 * y[o.pair_budget]
+    for k in range(len(trees)):
+        spent = 0.0 * most
+        first, end = joints_of(trees[k], scene.tree)
+        for i in range(first, end):
+            way = abs(y[o.q + i] - last[7 * len(trees) + i]) + 2.0 * h * abs(y[o.qd + i])
+            spent = spent + weights[len(trees) + i] * way
+        if scene.pairs.outside[k] > 0:
+            shift, velocity = _of_base(run, y, k)
+            spent = spent + weights[k] * (shift + 2.0 * h * velocity)
+        most = select(spent > most, spent, most)
+    return y[o.pair_budget] * (1.0 - most) > SUDDEN * (h * h)
 
 
 @kernel
-def _motion(run, y):
-    """Return bounds of how much closer two shapes have come since the last time [m], and how fast they do so [m/s]."""
-    scene, o, last = run.scene, run.offsets[0], run.renewal.last
-    trees, pairs = scene.trees, scene.pairs
-    most, fastest = 0.0 * y[o.pair_budget], 0.0 * y[o.pair_budget]
-    at = 7 * len(trees)
-    for k in range(len(trees)):
-        moved, speed = 0.0 * most, 0.0 * most
-        first, end = joints_of(trees[k], scene.tree)
+def _fastest(run, y):
+    """Return a bound of how fast two shapes come closer [m/s]."""
+    scene, o, pairs = run.scene, run.offsets[0], run.scene.pairs
+    fastest = 0.0 * y[o.pair_budget]
+    for k in range(len(scene.trees)):
+        speed = 0.0 * fastest
+        first, end = joints_of(scene.trees[k], scene.tree)
         for i in range(first, end):
-            moved = moved + pairs.reach[i] * abs(y[o.q + i] - last[at + i])
             speed = speed + pairs.reach[i] * abs(y[o.qd + i])
         if pairs.outside[k] > 0:  # two such trees may come closer, else two links of one, by as much as they turn
-            shift, velocity = _of_base(run, y, k)
-            moved, speed = 2.0 * (moved + shift), 2.0 * (speed + velocity)
-        most = select(moved > most, moved, most)
+            _, velocity = _of_base(run, y, k)
+            speed = 2.0 * (speed + velocity)
         fastest = select(speed > fastest, speed, fastest)
-    return most, fastest
+    return fastest
 
 
 @inline
@@ -243,6 +256,8 @@ def _deal_out(pairs, y, h, run, spending):
             y[o.pair_force + 3 * c + k] = 0.0
             y[o.pair_position + 3 * c + k] = 0.0
     budget = FAR + 0.0 * y[o.pair_budget]
+    for i in range(len(room.weights)):
+        room.weights[i] = 0.0
     for k in range(len(pairs.pairs)):
         pair = pairs.pairs[k]
         left = room.due[k] - _between(pair, room.ways, WAY)
@@ -254,7 +269,29 @@ def _deal_out(pairs, y, h, run, spending):
                 used += pair.slots
         else:
             budget = select(left < budget, left, budget)
+            _weigh(pairs, pair, 1.0 / left, run)
     y[o.pair_budget] = budget
+
+
+@kernel
+def _weigh(pairs, pair, share, run):
+    """Let the joints of a pair, and the bases if it is of two trees, weigh at least what they take of its budget.
+
+    share: 1 by the budget [1/m]; where both trees move each has half of it.
+    """
+    scene, weights = run.scene, run.renewal.weights
+    if pair.folded == 0 and pair.tree_b != pair.tree_a:
+        share = 2.0 * share
+    for tree, body in ((pair.tree_a, pair.body_a), (pair.tree_b, pair.body_b)):
+        if tree >= 0:
+            root, i = scene.trees[tree].root, body
+            while i != root and i != pair.meet:
+                at = len(scene.trees) + scene.tree[i].dof
+                weight = share * pairs.reach[scene.tree[i].dof]
+                weights[at] = select(weight > weights[at], weight, weights[at])
+                i = scene.tree[i].parent
+            if pair.tree_b != pair.tree_a:
+                weights[tree] = select(share > weights[tree], share, weights[tree])
 
 
 @inline
