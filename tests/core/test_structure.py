@@ -9,6 +9,7 @@ from featherstone_gait.core.compile.jit import ENTRY, JIT, entry, inline, kernel
 from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes
 from featherstone_gait.core.compile.optional import in_lanes
 from featherstone_gait.core.compile.structure import structure
+from featherstone_gait.core.step.context import Scene, Step, of_tree, with_bodies
 
 RECORD = np.dtype([("m", np.float64), ("k", np.int64)])
 
@@ -137,3 +138,12 @@ def test_functions_take_an_address_and_not_the_fields():
     (text,) = own.inspect_llvm().values()
     (head,) = (line for line in text.splitlines() if line.startswith("define") and "readonly" in line)
     assert head.count(",") < 12  # results, the structure, and what an array is made of
+
+
+def test_the_step_of_one_tree_or_of_other_bodies_is_the_same_in_all_else():
+    """Both list all fields, because kernels have no `_replace`."""
+    scene = Scene(*(f"scene's {name}" for name in Scene._fields))
+    step = Step(*(f"step's {name}" for name in Step._fields))._replace(scene=scene)
+    alone, part = (getattr(each, "py_func", each) for each in (with_bodies, of_tree))
+    assert alone(step, "others") == step._replace(scene=scene._replace(tree="others"))
+    assert part(step, "one") == step._replace(part="one")

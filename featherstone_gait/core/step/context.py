@@ -144,7 +144,7 @@ def with_bodies(step, tree):
         tree=tree, floating=s.floating, gravity=s.gravity, actuator=s.actuator, decay=s.decay, armature=s.armature,
         friction=s.friction, stops=s.stops, contact=s.contact, push=s.push, springs=s.springs, coupling=s.coupling,
         firmware=s.firmware, supply=s.supply, joint_springs=s.joint_springs, lifts=s.lifts, trees=s.trees,
-        pairs=s.pairs,
+        pairs=s.pairs, balls=s.balls,
     )  # fmt: skip
     return Step(
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
