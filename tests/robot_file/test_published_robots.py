@@ -54,6 +54,7 @@ NOT_READ_BY_PINOCCHIO = (
     "follower_arm_v1.1.urdf",  # <limit> without effort
     "mobile_panda_dual_arm.urdf",  # the same
     "mobile_panda_single_arm.urdf",  # the same
+    "spherical_joint_limit.urdf",  # a type that URDF does not know
 )
 
 
