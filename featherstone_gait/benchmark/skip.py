@@ -27,7 +27,7 @@ from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
 from ..geometry.body import body as solid
-from ..model import Ground, HeightField, Mimic, Model, Supply
+from ..model import Ground, HeightField, Joint, Link, Mimic, Model, Supply
 from ..model.placed import Placed, SceneModel
 from ..model.shapes import Box, Sphere
 from ..robot_file import load_robot
@@ -206,6 +206,18 @@ def changed(model: Model, which: slice = slice(None), **changes: Any) -> Model:
     return replace(model, joints=joints, servos={})
 
 
+def first_by(arm: Model, kind: Any) -> Model:
+    """Return the arm whose first joint is a ball joint, or a universal one with a hinge behind it."""
+    first, *others = arm.joints
+    free: dict[str, Any] = {"lower": -math.inf, "upper": math.inf, "axis": (0.0, 0.0, 1.0)}
+    turning = [replace(first, type="ball", **free)]
+    if kind == "universal":
+        cross = replace(first, type=kind, child="cross", **free)
+        turning = [cross, Joint("behind", "continuous", "cross", first.child, axis=(0.0, 1.0, 0.0))]
+    links = (*arm.links, Link("cross")) if kind == "universal" else arm.links
+    return replace(arm, links=links, joints=(*turning, *others), keyframes={})
+
+
 def driven(**changes: Any) -> Model:
     """Return the arm with AX-12 servos without friction."""
     return with_servo(free_arm(), "ax12", **{"viscous_friction": 0.0, "coulomb_friction": 0.0} | changes)
@@ -225,6 +237,7 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no stops", plain, rollout(changed(arm, type="revolute", lower=-3.0, upper=3.0)), "no joint at its stop"),
         ("no springs of joints", plain, rollout(changed(arm, stiffness=0.1)), "one at each joint"),
         ("no borne weights", plain, rollout(replace(arm, links=lifted)), "half of each link's"),
+        ("no ball joint", rollout(first_by(arm, "universal")), rollout(first_by(arm, "ball")), "for three hinges"),
         ("no coupled joints", plain, rollout(changed(arm, last, mimic=Mimic(arm.joints[0].name))), "the last of 7"),
         ("no pushes", plain, rollout(arm, pushes=(push,)), "one push"),
         ("no recorded channel", rollout(arm, every=1), rollout(arm, record=PARTS, every=1), "one number, and all"),
