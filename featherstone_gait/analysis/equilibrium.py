@@ -34,7 +34,7 @@ from ..model.rest_posture import nearest_posture
 from ..run.overlap import overlaps
 from ..run.reference import Reference
 from ..run.simulate import simulate
-from ..run.start import check_no_balls, check_scene, initial_state, placed_position
+from ..run.start import check_no_balls, check_no_loops, check_scene, initial_state, placed_position
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body, ground_under
 from ..scene.forest import state_index
@@ -154,6 +154,7 @@ def trim(
     """
     check_scene(scene)
     check_no_balls(scene, "trim")
+    check_no_loops(scene, "trim")
     if scene.members:
         return _of_members(scene, q, contacts)
     model = scene.model

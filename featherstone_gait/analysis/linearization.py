@@ -45,7 +45,7 @@ from ..run.compiled_run import CompiledRun, Vector, in_lanes, knots_in_lanes, la
 from ..run.lane_engine import sampled
 from ..run.prepare import prepare, with_steps, with_tolerance
 from ..run.reference import Reference
-from ..run.start import check_scene, initial_state
+from ..run.start import check_no_loops, check_scene, initial_state
 from ..run.status import OF_CODE
 from ..run.trajectory import Trajectory
 from ..scene.channels import current_name
@@ -212,6 +212,7 @@ def linearize(
     >>> model.A[np.ix_(model.of("q"), model.of("qd"))]
     """
     check_scene(scene)
+    check_no_loops(scene, "linearize")
     scene, tolerance, _ = with_tolerance(scene, RTOL if rtol is None and scene.adaptive else rtol, None)
     named = _inputs(scene, inputs)
     period = scene.tick_steps if scene.sampled else 1

@@ -273,6 +273,7 @@ class CompiledRun:
             bench=None if constants.pairs is None else contact_bench(constants.pairs.shapes),
             trees=0 if constants.trees is None else len(constants.trees),
             largest=0 if constants.trees is None else int(np.max(constants.trees.end - constants.trees.root)),
+            loops=constants.loops,
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(scene.layout["length"])
         frames = zeros(sizes.workspace) if sizes.bases and sizes.points else None

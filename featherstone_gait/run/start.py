@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike
 
 from ..base import deprecated
 from ..base.arguments import instance, shown, truth, vector
-from ..base.fixed_order import total
+from ..base.fixed_order import applied, total
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
 from ..core.effects.firmware import TURN
 from ..core.step import pace
 from ..core.step.signals import Knots
+from ..dynamics import loop_gaps, loop_jacobian
+from ..dynamics.inverse_kinematics import close_loops
 from ..model import Model
 from ..model.composite import TOLERANCE
 from ..model.degrees import ball_name
@@ -29,6 +31,7 @@ from .status import OF_CODE
 from .trajectory import Trajectory
 
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
+CLOSED = 1e-9  # gap at the start that counts as none [m or rad], and speed of it by the fastest coordinate
 OVERSHOOT = 1e-2  # beyond a limit, as far as a joint presses into its stop [rad or m]
 SHORTEST, LONGEST = 1e-6, 1e6  # quaternion that has a direction
 
@@ -75,6 +78,8 @@ def initial_state(
     y = np.zeros(o["length"])
     y[o["step_control"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
     default = _default(model, scene)
+    if model.loops and q is None:
+        default = close_loops(model, default, hold_base=True)
     if model.base == "floating":
         if scene.ground is not None and q is None:
             default[2] = standing_height(model, scene.ground, default)
@@ -83,6 +88,7 @@ def initial_state(
     q = vector("q", default if q is None else q, model.nq)
     qd = vector("qd", np.zeros(model.nv) if qd is None else qd, model.nv)
     check_quaternion(scene, q[3:7], SHORTEST, LONGEST)
+    _check_closed(model, q, qd)
     joints, rates = model.single_positions(q), qd[len(qd) - n :]
     check_followers(model, scene.tree.coupling, joints, rates)
     given = {"q": joints, "qd": rates, "filtered_speed": rates, "rotor": joints, "rotor_speed": rates}
@@ -223,6 +229,16 @@ def check_no_balls(scene: CompiledScene, what: str) -> None:
         )
 
 
+def check_no_loops(scene: CompiledScene, what: str) -> None:
+    """Raise ValueError for a robot with loops, whose coordinates are not independent."""
+    if scene.model.loops:
+        names = ", ".join(loop.name for loop in scene.model.loops)
+        raise ValueError(
+            f"{scene.model.name}: {what} needs independent coordinates, and loops {names} leave none; take the open "
+            "tree, dataclasses.replace(model, loops=())"
+        )
+
+
 def check_quaternion(scene: CompiledScene, quaternion: np.ndarray, shortest: float, longest: float) -> None:
     """Raise ValueError for the quaternion (4,) of a floating base whose length is not within the bounds."""
     if scene.tree.floating:
@@ -238,6 +254,23 @@ def check_unit(what: str, quaternion: np.ndarray, shortest: float, longest: floa
             f"{what} is {quaternion}, of length {length:g}; expected "
             f"{shortest:g} to {longest:g}: give w x y z, [1, 0, 0, 0] is no rotation"
         )
+
+
+def _check_closed(model: Model, q: np.ndarray, qd: np.ndarray) -> None:
+    """Raise ValueError for positions or velocities at which loops are open."""
+    if not model.loops:
+        return
+    gaps, speeds = np.abs(loop_gaps(model, q)), np.abs(applied(loop_jacobian(model, q), qd))
+    names = [loop.name for loop in model.loops for _ in range(loop.rows)]
+    fast, remedies = max(1.0, float(np.abs(qd).max())), ("close_loops(model, q)", "loop_jacobian(model, q) @ qd = 0")
+    for what, values, most, unit, remedy in (
+        ("q", gaps, CLOSED, "m or rad", f"give {remedies[0]}"),
+        ("qd", speeds, CLOSED * fast, "m/s or rad/s", f"give velocities with {remedies[1]}"),
+    ):
+        worst = int(values.argmax())
+        if not values[worst] <= most:
+            opened = f"loop {names[worst]!r} is open by {values[worst]:.6g} {unit}"
+            raise ValueError(f"{model.name}: at this {what} {opened}; at most {most:.1g}: {remedy}")
 
 
 def _check_limits(scene: CompiledScene, joints: np.ndarray) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, cast
@@ -20,6 +20,7 @@ from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
+from ..core.step.closure import Loops
 from ..core.step.context import Scene
 from ..model import Controller, Ground, Model, Spring
 from ..model.pair_contact import PairContact, pair_contact
@@ -32,6 +33,7 @@ from .firmware import build_firmware, build_supply
 from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
 from .friction import Friction, build_friction, sticks
 from .joint_spring import build_joint_springs, fold_joint_springs
+from .loop import build_loops
 from .options import SceneOptions, check_options
 from .pairs import NOTHING, Touching, build_pairs, limited
 from .preflight import STIFF, Preflight, implicit_reason, preflight
@@ -363,20 +365,35 @@ def compile_scene(
     return _compile_members(model, options)
 
 
-def _check_no_loops(model: Model) -> None:
-    """Raise ValueError for a model with loops, which steps do not close."""
-    if model.loops:
+CLOSING = "rk4"  # the integrator that keeps loops closed
+OPEN = "simulate the open tree with dataclasses.replace(model, loops=())"
+
+
+def _with_loops(model: Model, options: SceneOptions) -> SceneOptions:
+    """Return the options with the integrator that keeps loops closed; raise ValueError for another one."""
+    if not model.loops:
+        return options
+    if options.integrator not in (None, CLOSING):
         raise ValueError(
-            f"{model.name}: loops {quoted([loop.name for loop in model.loops])} cannot be simulated yet; "
-            "forward_dynamics, loop_forces and inverse_kinematics close them: simulate the open tree with "
-            "dataclasses.replace(model, loops=())"
+            f"{model.name}: integrator {options.integrator!r} does not keep loops "
+            f"{quoted([loop.name for loop in model.loops])} closed; use {CLOSING!r}, or {OPEN}"
         )
+    return options._replace(integrator=CLOSING)
+
+
+def _check_no_loops(models: Iterable[Model]) -> None:
+    """Raise ValueError for a robot with loops in a scene of several, or with contact between bodies."""
+    for model in models:
+        if model.loops:
+            raise ValueError(
+                f"{model.name}: loops {quoted([loop.name for loop in model.loops])} are kept closed in a scene of one "
+                f"robot without pairs; compile it alone, or {OPEN}"
+            )
 
 
 def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     """Compile one model."""
-    _check_no_loops(model)
-    options, ground = check_options(model, given), given.ground
+    options, ground = _with_loops(model, check_options(model, given)), given.ground
     tree, drive, g = compile_tree(model), build_drive(model, options.gearbox), np.asarray(options.gravity)
     contact, ties = build_contact(model, tree, ground, g), build_springs(tree, options.springs)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
@@ -406,6 +423,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         joint_springs=joint_springs,
         lifts=build_lifts(model, tree, g),
         balls=tree.balls,
+        loops=_loops(model),
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)
     return CompiledScene(
@@ -482,6 +500,14 @@ def _implicit(options: SceneOptions) -> SceneOptions:
     return options._replace(integrator="ars343") if chosen else options
 
 
+def _loops(model: Model) -> Loops | None:
+    """Return the loops for kernels, None without."""
+    if not model.loops:
+        return None
+    found = build_loops(model)
+    return Loops(found.table, found.trees, np.array([found.rows]))
+
+
 def _members(models: Any, options: SceneOptions) -> list[Member]:
     """Compile each of the models alone; raise ValueError for names given twice."""
     models = [models] if isinstance(models, Placed) else listed("model", models, "give a list of Model and Placed")
@@ -490,6 +516,7 @@ def _members(models: Any, options: SceneOptions) -> list[Member]:
     placed = [Placed(one) if isinstance(one, Model) else one for one in models]
     for one in placed:
         instance("model", one, Placed, "give a Model, or Placed(model, position=(x, y))")
+    _check_no_loops(one.model for one in placed)
     repeated = [name for name, times in Counter(one.name for one in placed).items() if times > 1]
     if repeated:
         raise ValueError(

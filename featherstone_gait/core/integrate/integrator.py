@@ -15,9 +15,11 @@ from ..compile.jit import address_of
 from ..effects.contact import SCRATCH as CONTACT_SCRATCH
 from ..effects.pair import COLUMNS as PAIR_SCRATCH
 from ..effects.pair import OLD, SHAPE_POSE, Pool
+from ..step.closure import Closing
 from ..step.context import Scratch
 from ..step.newton import SCRATCH as JOINT_SCRATCH
 from ..step.pool import KEPT, Renewal
+from ..tree.loop import SIZE as LOOP_ROW
 from ..tree.manifold import contacts_at
 from ..tree.rows import SIDE
 
@@ -41,6 +43,7 @@ class Sizes(NamedTuple):
     bench: tuple | None  # Bench of the largest shapes: scratch of the narrow phase
     trees: int
     largest: int  # bodies of the largest tree
+    loops: tuple | None  # Loops of the scene
 
 
 class Integrator(NamedTuple):
@@ -125,6 +128,17 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
         zeros((sizes.bodies, 6)),
         pool_of(sizes, zeros),
     )
+
+
+def closing_of(sizes: Sizes, zeros) -> Closing | None:
+    """Make the scratch arrays of loops, None without."""
+    if sizes.loops is None:
+        return None
+    n, m = sizes.n, int(sizes.loops.rows[0])
+    return Closing(
+        zeros((m, LOOP_ROW)), zeros((m, 1, n + 1)), zeros((m, 1, SIDE)), zeros((m, m + 2)), zeros(m), zeros(n + 6),
+        zeros(n + 6),
+    )  # fmt: skip
 
 
 def pool_of(sizes: Sizes, zeros) -> Pool | None:

@@ -40,6 +40,7 @@ class Scene(NamedTuple):
     trees: np.ndarray | None = None  # (trees,) TREE of a scene of several trees
     pairs: tuple | None = None  # Pairs: shapes that may touch; a scene that has any has `trees`
     balls: np.ndarray | None = None  # (balls,) first coordinate of each ball joint
+    loops: tuple | None = None  # Loops, of a scene of one robot
 
 
 @structure
@@ -123,6 +124,7 @@ class Step(NamedTuple):
     F: np.ndarray
     pool: tuple | None
     part: np.record | None  # TREE of the one of several trees that takes the step
+    closing: tuple | None = None  # Closing, of integrators that keep loops closed: see closure.py
 
 
 @inline

@@ -16,12 +16,14 @@ from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.joint_spring import plus_spring
 from ..effects.pair import pair_rates
 from ..effects.stop import stop_rates
+from ..tree.aba import acceleration_pass
 from ..tree.ball import ball_positions, ball_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
+from .closure import close_loops
 from .context import of_tree
-from .newton import CJ, DIAGONAL, TAU, accelerations, external_forces
+from .newton import CJ, DIAGONAL, TAU, articulate, external_forces
 
 
 @inline
@@ -73,7 +75,9 @@ def _rates(contact, step, dy):
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     v, a = y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
     external_forces(scene.push, scene.springs, scene.lifts, step)
-    accelerations(_armature(scene.friction, step), contact, step, a)
+    articulate(_armature(scene.friction, step), contact, step)
+    close_loops(scene.loops, contact, step)
+    acceleration_pass(scene.tree, part, step.W, a)
     _friction_of_acceleration(scene.friction, step, dy)
     for i in range(first, end):
         dy[offsets.q + i] = v[i]

@@ -7,8 +7,8 @@ row has a gap, its speed J qd and the bias Jdot qd.  The accelerations are those
     M a = tau - c + J' f,   J a + Jdot qd = 0,
 
 so L f = -(J a0 + Jdot qd) with L = J M^-1 J', by unit forces in the factors of the first pass (`rows.py`).  Rows are
-scaled to a unit diagonal of L and the system is solved with the compliance COMPLIANCE, ROUNDS times, each from the
-forces of the last (the proximal method of multipliers): redundant rows share their force, and a posture in which rows
+scaled to a unit diagonal of L and the system is solved with a small compliance, several times, each from the forces
+of the last (the proximal method of multipliers): redundant rows share their force, and a posture in which rows
 depend on each other is no exception.
 """
 
@@ -44,8 +44,10 @@ SPEED = 10  # [m/s or rad/s]
 BIAS = 11  # [m/s^2 or rad/s^2]
 SIZE = 12
 
-COMPLIANCE = 1e-8  # of a row, by its diagonal of L
-ROUNDS = 10  # of a combination of rows with the eigenvalue k of the scaled L they leave (1e-8 / (1e-8 + k))^10
+# Compliance of a row, by its diagonal of L, and rounds of the iteration: of a combination of rows with the eigenvalue k
+# of the scaled L they leave (compliance / (compliance + k))^rounds.  In a step the rows of intermediate states, which
+# are open by the square of the step, contradict each other where they depend on each other at closed ones.
+EXACT, IN_STEP = (1e-8, 10), (1e-6, 4)
 IMMOVABLE = 1e-22  # of the largest diagonal of L: a row below it moves nothing but by rounding
 SHORTEST = 1e-12  # distance of two points that still has a direction [m]
 
@@ -226,11 +228,12 @@ def _add_end(tree, i, t, d, x, r, W, base_J, J):
 
 
 @kernel
-def close(robot, part, loop, W, rows, scratch, force):
+def close(robot, part, contact, loop, softness, W, rows, scratch, force):
     """Let forces of the loops act on the solution that the first pass and the couplings have left.
 
-    part: TREE; rows as `fill_loops` has filled them; scratch: responses (m, 1, n + 1), roots (m, 1, 12), L (m, m + 2);
-    force (m,) [N or N m] becomes the force or moment of each row on body a along its direction.
+    part: TREE; contact: as the first pass had it; softness: EXACT or IN_STEP; rows as `fill_loops` has filled them;
+    scratch: responses (m, 1, n + 1), roots (m, 1, 12), L (m, m + 2); force (m,) [N or N m] becomes the force or moment
+    of each row on body a along its direction.
     """
     (responses, roots, L), m, tree = scratch, len(force), robot.tree
     for c in range(len(loop)):
@@ -248,20 +251,20 @@ def close(robot, part, loop, W, rows, scratch, force):
                 add_force(tree, part, k.a, load3(rows, r, PA), d, r, 0, W, responses, roots)
                 if k.b >= 0:
                     add_force(tree, part, k.b, load3(rows, r, PB), back, r, 0, W, responses, roots)
-    answer_root(robot, part, None, 0, m, 0, W, responses, roots)
+    answer_root(robot, part, contact, 0, m, 0, W, responses, roots)
     for r in range(m):
         for s in range(r + 1):
             L[r, s] = product(part, tree, r, 0, s, 0, W, responses, roots)
         force[r] = acceleration_along(part, tree, r, 0, W, responses, roots) + rows[r, BIAS]
-    solve_rows(L, force)
+    solve_rows(L, softness, force)
     for r in range(m):
         apply_row(part, tree, r, 0, force[r], W, responses, roots)
 
 
 @kernel
-def solve_rows(L, x):
+def solve_rows(L, softness, x):
     """Solve L f = -x, of the lower triangle of L (m, m + 2), by the proximal iteration; f replaces x."""
-    m = len(x)
+    m, (compliance, rounds) = len(x), softness
     largest = 0.0 * x[0]
     for r in range(m):
         largest = select(L[r, r] > largest, L[r, r], largest)
@@ -273,11 +276,11 @@ def solve_rows(L, x):
     for r in range(m):
         for s in range(r + 1):
             L[r, s] = L[r, s] * L[r, m] * L[s, m]
-        L[r, r] = L[r, r] + COMPLIANCE
+        L[r, r] = L[r, r] + compliance
     _factor(L, m)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for r in range(m):
-            x[r] = L[r, m + 1] + COMPLIANCE * x[r]
+            x[r] = L[r, m + 1] + compliance * x[r]
         _substitute(L, m, x)
     for r in range(m):
         x[r] = x[r] * L[r, m]
