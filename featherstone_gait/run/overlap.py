@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import instance
-from ..base.fixed_order import applied, total
+from ..base.fixed_order import applied, product, total
 from ..core.effects.pair import Pairs
 from ..core.tree.distance import FIELD, Room, Shapes, pair_distances
 from ..scene.compile import CompiledScene
@@ -67,8 +67,10 @@ def tell_overlaps(scene: CompiledScene, y: np.ndarray) -> None:
     pairs = scene.touching.table
     if pairs is None or y[scene.layout["end_time"]] > 0:  # the run goes on
         return
-    depth, half = _depths(scene, pairs, y), _half_sizes(pairs.shapes)
-    lost = depth > np.minimum(half[pairs.pairs.a], half[pairs.pairs.b])
+    half = _half_sizes(pairs.shapes)
+    most = np.minimum(half[pairs.pairs.a], half[pairs.pairs.b])
+    depth = _depths(scene, pairs, y, np.minimum(most, AT_REST * pairs.margin))
+    lost = depth > most
     if lost.any():
         raise ValueError(
             f"{scene.model.name}: bodies overlap at the start by more than half of the smaller one: "
@@ -87,8 +89,12 @@ def _listed(scene: CompiledScene, depth: np.ndarray, which: np.ndarray) -> str:
     return ", ".join([*found, *([f"{len(rows) - SHOWN} more"] if len(rows) > SHOWN else [])])
 
 
-def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray) -> np.ndarray:
-    """Compute how deep the shapes of each pair (pairs,) overlap [m]; 0 where they are apart, or one is no solid."""
+def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray, least: ArrayLike = 0.0) -> np.ndarray:
+    """Compute how deep the shapes of each pair (pairs,) overlap [m]; 0 where they are apart, or one is no solid.
+
+    least: a depth, or one of each pair, up to which it may be 0 too [m].  Where boxes about the shapes show that no
+    pair is deeper, nothing has to be compiled.
+    """
     bases, table = y[slice(*scene.part("base_q"))].reshape(-1, 7), pairs.shapes.table
     joints = [positions_in(one.scene, scene.state_of(one.name, y))[one.model.base_positions :] for one in scene.members]
     rotation, position = body_poses(scene.members, scene.tree, bases, joints)
@@ -97,7 +103,10 @@ def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray) -> np.ndarray:
     apart = center[both[:, 0]] - center[both[:, 1]]
     reach = table.bound[both].sum(axis=1)
     solid = (table.kind[both] != FIELD).all(axis=1)
-    near = np.flatnonzero((total(apart * apart) < reach * reach) & np.isfinite(reach) & solid)
+    close = (total(apart * apart) < reach * reach) & np.isfinite(reach) & solid
+    boxes = _depths_of_boxes(table, rotation, both[close], apart[close])
+    close[close] = boxes > np.broadcast_to(least, len(both))[close]
+    near = np.flatnonzero(close)
     distance, depth = np.zeros(len(near)), np.zeros(len(both))
     if len(near):
         n = len(table)
@@ -105,6 +114,18 @@ def _depths(scene: CompiledScene, pairs: Pairs, y: np.ndarray) -> np.ndarray:
         pair_distances(pairs.shapes, room, np.ascontiguousarray(both[near]), rotation, position, distance)
     depth[near] = np.maximum(-distance, 0.0)
     return depth
+
+
+def _depths_of_boxes(table: np.recarray, rotation: np.ndarray, both: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """Compute how deep the boxes about the shapes of pairs (n, 2) overlap along the face normal that divides them best.
+
+    table: of `Shapes`; apart (n, 3): from the center of the second shape of each pair to that of the first [m].
+    """
+    axes = product(rotation[table.link], table.E.reshape(-1, 3, 3))[both].transpose(0, 1, 3, 2)
+    normals = axes.reshape(-1, 6, 3)
+    half = table.extent[both][:, :, None]
+    reach = [total(abs(product(normals, axes[:, k].transpose(0, 2, 1))) * half[:, k]) for k in (0, 1)]
+    return (reach[0] + reach[1] - abs(applied(normals, apart))).min(axis=1)
 
 
 def _half_sizes(shapes: Shapes) -> np.ndarray:
