@@ -138,7 +138,10 @@ def meeting_shapes(model: Model) -> Meeting:
 
 def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Compute the signed distance (pairs,) [m] of pairs (pairs, 2) of shapes in one posture q (nq,) [rad, m]."""
-    shapes, poses, out = shape_table(model), _rows(forward_kinematics(model, q)), np.zeros(len(pairs))
+    out = np.zeros(len(pairs))
+    if not len(pairs):  # nothing is compiled for none
+        return out
+    shapes, poses = shape_table(model), _rows(forward_kinematics(model, q))
     rotation, position = poses.rotation[0], poses.position[0]
     pair_distances(shapes, _room(shapes), np.array(pairs, np.int64).reshape(-1, 2), rotation, position, out)
     return out
