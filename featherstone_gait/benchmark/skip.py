@@ -139,7 +139,7 @@ def aba_loop(steps: int, robot: Robot, h: float, z: np.ndarray, W: np.ndarray, o
     q, qd, tau, qdd = z[0], z[1], z[2], z[3]
     for k in range(steps + 1):
         out[k] = qd[0]
-        aba(robot, Motion(None, None, None, q, qd, None), None, tau, None, W, None, qdd)
+        aba(robot, Motion(None, None, None, q, qd, None, None), None, tau, None, W, None, qdd)
         for i in range(len(q)):
             qd[i] += h * qdd[i]
             q[i] += h * qd[i]
@@ -154,7 +154,7 @@ def rk4_loop(steps: int, robot: Robot, h: float, z: np.ndarray, W: np.ndarray, o
         for i in range(2 * n):
             start[i] = end[i] = x[i]
         for weight, ahead in ((h / 6.0, 0.5 * h), (h / 3.0, 0.5 * h), (h / 3.0, h), (h / 6.0, 0.0)):
-            aba(robot, Motion(None, None, None, x[:n], x[n:], None), None, z[4, :n], None, W, None, slope[n:])
+            aba(robot, Motion(None, None, None, x[:n], x[n:], None, None), None, z[4, :n], None, W, None, slope[n:])
             for i in range(n):
                 slope[i] = x[n + i]
             for i in range(2 * n):

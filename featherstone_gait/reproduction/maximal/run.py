@@ -89,7 +89,7 @@ def _place_bodies(run: Any, w: Any, x: Any, y: Any, W: Any) -> None:
     offsets, n = run.offsets[0], len(w.axes)
     base = slice_if(run.scene.floating, y, offsets.base_q, 7)
     speed = slice_if(run.scene.floating, y, offsets.base_qd, 6)
-    motion = Motion(base, speed, None, y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n], None)
+    motion = Motion(base, speed, None, y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n], None, None)
     motion_pass(run.scene.tree, None, run.scene.gravity, motion, W)
     origin = _origin(base)
     X = x.X
