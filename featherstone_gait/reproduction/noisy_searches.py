@@ -436,7 +436,8 @@ def _band(
     """Draw median and quartiles of curves that stay until the next improvement."""
     k = np.unique(np.linspace(0, result.iterations, 301).round().astype(int))
     values = [curve[np.searchsorted(one.at, k, side="right") - 1] for curve, one in zip(curves, courses)]
-    low, middle, high = np.quantile(np.array(values), (0.25, 0.5, 0.75), axis=0)
+    with np.errstate(invalid="ignore"):  # a gait that falls has no number, and leaves a gap
+        low, middle, high = np.quantile(np.array(values), (0.25, 0.5, 0.75), axis=0)
     panel.fill_between(k, low, high, color=color, alpha=0.15)
     panel.plot(k, middle, color=color, label=label)
 
