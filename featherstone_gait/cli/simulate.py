@@ -121,6 +121,7 @@ def _is_free(scene: CompiledScene) -> bool:
 
 def _experiment(scene: CompiledScene, rtol: float | None) -> tuple[str, Callable[..., Trajectory]]:
     """Describe the experiment, and make the function run(scene, duration) that simulates it."""
+    from ..dynamics.inverse_kinematics import close_loops
     from ..model.rest_posture import nearest_posture
     from ..run.reference import Reference
     from ..run.simulate import initial_state, simulate
@@ -141,7 +142,7 @@ def _experiment(scene: CompiledScene, rtol: float | None) -> tuple[str, Callable
             goal = "the posture nearest to zero" if home.any() else "zero"
             does = "falls freely, and is pulled" if model.base == "floating" else "is pulled"
             reference, text = Reference([0.0], home[None]), f"{model.name}, {posture}, {does} to {goal} by its servos"
-        state = initial_state(scene, q)
+        state = initial_state(scene, close_loops(model, q, hold_base=True) if model.loops else q)
     sample = max(1, round(SAMPLE / scene.timestep)) * scene.timestep
     record = ["q", "qd", "torque", "energy"]
     record += ["base_q", "base_qd"] if model.base == "floating" else []

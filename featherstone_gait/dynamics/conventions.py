@@ -124,6 +124,16 @@ def from_engine(engine: Engine, model: Model, q: ArrayLike, v: ArrayLike) -> tup
     return q, np.concatenate([linear, angular, v[..., 6:]], axis=-1)
 
 
+def _check_free(engine: str, model: Model) -> None:
+    """Raise ValueError for free joints within a tree, whose velocities other engines state in other axes."""
+    names = [joint.name for joint in model.joints if joint.type == "free"]
+    if names and engine != "mujoco":
+        raise ValueError(
+            f"{model.name}: free joints {', '.join(names)} within the tree have other velocities in {engine}, which "
+            "are not converted; build them there as three sliding joints and a ball joint"
+        )
+
+
 def _balls(engine: str, model: Model, q: np.ndarray, order: list[int]) -> np.ndarray:
     """Write the quaternions of ball joints in another order, if the engine has one: Pinocchio's is x y z w."""
     for k in model.balls if engine == "pinocchio" else ():
@@ -136,7 +146,7 @@ def _checked(
     engine: str, model: Model, q: ArrayLike, name: str, v: ArrayLike
 ) -> tuple[_Convention, np.ndarray, np.ndarray]:
     one_of("engine", engine, _CONVENTIONS)
-    check_model(model)
+    _check_free(engine, check_model(model))
     rows = (None,) * (floats(f"{model.name}: q", q).ndim == 2)
     q = np.array(finite(f"{model.name}: q", q, (*rows, model.nq)))
     return _CONVENTIONS[engine], q, np.array(finite(f"{model.name}: {name}", v, (*q.shape[:-1], model.nv), "as q has"))

@@ -241,7 +241,7 @@ def close_loops(
     poses = forward_kinematics(model, found.q)
     for loop in model.loops:
         gap = math.sqrt(total(gaps[first : first + loop.rows] ** 2))
-        gap = 2.0 if _is_flipped(model, poses, loop) else gap
+        gap = 2.0 if is_flipped(model, poses, loop) else gap
         worst, first = max(worst, (loop.name, gap), key=lambda pair: pair[1]), first + loop.rows
     if found.error < tolerance and worst[1] < 2.0:
         return found.q
@@ -251,7 +251,7 @@ def close_loops(
     )
 
 
-def _is_flipped(model: Model, poses: Poses, loop: Loop) -> bool:
+def is_flipped(model: Model, poses: Poses, loop: Loop) -> bool:
     """Return whether a hinge or weld is turned by half a turn, where its gap vanishes too."""
     if loop.kind not in ("hinge", "weld"):
         return False

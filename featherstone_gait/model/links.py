@@ -187,8 +187,10 @@ class Joint:
         turned = list(vector_flaws(what, "rpy", self.rpy, 3))
         yield from turned or angle_flaws(what, "rpy", self.rpy)
         yield from vector_flaws(what, "axis", self.axis, 3)
+        if not isinstance(self.type, str):
+            return
         yield from self._flaws_of_several(what)
-        if not isinstance(self.type, str) or self.type == "fixed":
+        if self.type == "fixed":
             return
         if (
             self.type not in ("ball", "free")
@@ -217,18 +219,19 @@ class Joint:
                 across = sum(a * b for a, b in zip(self.axis, self.axis2))
                 if abs(across) > 1.0 - AXIS_TOLERANCE:
                     yield f"{what}: axis and axis2 are parallel; give two axes of different direction"
-        if self.pitch != 0.0 and self.type != "screw":
+        if self.type != "screw" and is_real(self.pitch) and self.pitch != 0.0:
             yield f"{what}: pitch is {shown(self.pitch)}; only a screw joint has one: use type 'screw', or 0"
         if self.type not in COMPOSITE:
             return
-        if (self.lower, self.upper) != (-math.inf, math.inf):
+        real = is_real(self.lower) and is_real(self.upper)
+        if real and (self.lower, self.upper) != (-math.inf, math.inf):
             yield (
                 f"{what}: type {self.type!r} has limits {shown(self.lower)} to {shown(self.upper)}; expected none: "
                 "make it of joints of one degree of freedom to limit these"
             )
         if self.mimic is not None:
             yield f"{what}: type {self.type!r} follows a joint; only joints of one degree of freedom do: remove mimic"
-        if self.stiffness != 0.0:
+        if is_real(self.stiffness) and self.stiffness != 0.0:
             yield f"{what}: type {self.type!r} has stiffness {shown(self.stiffness)}; expected 0: remove the spring"
 
 

@@ -129,6 +129,13 @@ class Model:
         check_can_move(self.joints, self.held)
         for name, q in self.keyframes.items():
             check(vector_flaws(f"keyframe {name!r}", "q", q, self.nq))
+            for ball in self.balls:
+                if not any(q[self.position_slices[ball]]):
+                    whole = ball_name(self.moving_joints[ball])
+                    raise ValueError(
+                        f"keyframe {name!r}: the quaternion of ball joint {whole!r} is zero; give w x y z, "
+                        "[1, 0, 0, 0] is no rotation"
+                    )
         self._check_mass_matrix()
 
     def _freeze(self, what: str) -> None:
@@ -400,9 +407,15 @@ class Model:
         Raises
         ------
         ValueError
-            If there is no such joint, or it is fixed or held.
+            If there is no such joint, it is fixed or held, or a further degree of a ball joint, which has no position.
         """
-        return self.position_slices[self._row(joint, self.joint_rows, "moving joint")].start
+        place = self.position_slices[self._row(joint, self.joint_rows, "moving joint")]
+        if place.stop == place.start:
+            raise ValueError(
+                f"model {self.name!r}: joint {joint!r} has no position of its own; the quaternion of its ball joint "
+                f"begins at q_index({joint[:-1] + 'x'!r})"
+            )
+        return place.start
 
     def qd_index(self, joint: str) -> int:
         """Return the index of a joint's velocity in qd.

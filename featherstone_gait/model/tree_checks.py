@@ -89,7 +89,9 @@ def check_locked(joints: Iterable[Joint], locked: Mapping[str, float]) -> None:
 
 def check_mimics(joints: Iterable[Joint]) -> None:
     """Raise ValueError unless the joint that each coupled joint follows exists, and no joints follow each other."""
+    joints = list(joints)
     leaders = {joint.name: joint.mimic.joint if joint.mimic else None for joint in joints}
+    kinds = {joint.name: joint.type for joint in joints}
     for name, leader in leaders.items():
         path = [name]
         while leader is not None:
@@ -97,6 +99,11 @@ def check_mimics(joints: Iterable[Joint]) -> None:
                 raise ValueError(
                     f"joint {path[-1]!r}: it follows {leader!r}, and there is no such joint; joints are "
                     f"{quoted(leaders)}: correct the name in its mimic"
+                )
+            if kinds[leader] == "ball":
+                raise ValueError(
+                    f"joint {path[-1]!r}: it follows {leader!r}, a degree of a ball joint, which has no position of "
+                    "its own; let it follow a joint of one degree"
                 )
             if leader in path:
                 circle = path[path.index(leader) :]

@@ -167,8 +167,13 @@ def _moving_joint(element: Element, what: str, report: Report) -> Joint:
     if kind == "universal" and element.find("axis2") is not None:
         with report.blaming(element):
             motion["axis2"] = _axis(element, what, report, "axis2")
+    elif element.find("axis2") is not None:
+        remedy = "only universal joints have one"
+        report.assume(element, what, f"<axis2> of a joint of type {kind!r}", "ignored", remedy)
     if kind == "screw":
         motion |= _stated(element.find("screw"), ("pitch",), what, report)
+        if "pitch" not in motion:
+            report.assume(element, what, "a screw without <screw pitch>", "pitch 0", "state how far it slides [m/rad]")
     mimic = element.find("mimic")
     if mimic is not None and mimic.get("joint"):  # else it is refused as missing
         motion["mimic"] = Mimic(mimic.get("joint", ""), **_stated(mimic, ("multiplier", "offset"), what, report))

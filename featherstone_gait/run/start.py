@@ -17,8 +17,8 @@ from ..core.effects.controller import PID_SPEED
 from ..core.effects.firmware import TURN
 from ..core.step import pace
 from ..core.step.signals import Knots
-from ..dynamics import loop_gaps, loop_jacobian
-from ..dynamics.inverse_kinematics import close_loops
+from ..dynamics import forward_kinematics, loop_gaps, loop_jacobian
+from ..dynamics.inverse_kinematics import close_loops, is_flipped
 from ..model import Model
 from ..model.composite import TOLERANCE
 from ..model.degrees import ball_name
@@ -224,7 +224,7 @@ def check_no_balls(scene: CompiledScene, what: str) -> None:
     if scene.tree.balls is not None:
         names = ", ".join(ball_name(scene.model.moving_joints[k]) for k in scene.model.balls)
         raise ValueError(
-            f"{scene.model.name}: {what} knows no ball joints, and {names} are some; make them universal joints with "
+            f"{scene.model.name}: {what} knows no ball joints, here {names}; make them universal joints with "
             "a continuous one, or lock them"
         )
 
@@ -234,8 +234,8 @@ def check_no_loops(scene: CompiledScene, what: str) -> None:
     if scene.model.loops:
         names = ", ".join(loop.name for loop in scene.model.loops)
         raise ValueError(
-            f"{scene.model.name}: {what} needs independent coordinates, and loops {names} leave none; take the open "
-            "tree, dataclasses.replace(model, loops=())"
+            f"{scene.model.name}: {what} needs independent coordinates, and loops {names} tie some to others; take the "
+            "open tree, dataclasses.replace(model, loops=())"
         )
 
 
@@ -271,6 +271,13 @@ def _check_closed(model: Model, q: np.ndarray, qd: np.ndarray) -> None:
         if not values[worst] <= most:
             opened = f"loop {names[worst]!r} is open by {values[worst]:.6g} {unit}"
             raise ValueError(f"{model.name}: at this {what} {opened}; at most {most:.1g}: {remedy}")
+    poses = forward_kinematics(model, q)
+    for loop in model.loops:
+        if is_flipped(model, poses, loop):
+            raise ValueError(
+                f"{model.name}: at this q loop {loop.name!r} is off by half a turn; give {remedies[0]}, from near a "
+                "closed posture"
+            )
 
 
 def _check_limits(scene: CompiledScene, joints: np.ndarray) -> None:
@@ -314,6 +321,9 @@ def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
             f"{scene.model.name}: state: its last {len(own)} numbers, pace, status {status:g} and time of a run, are "
             f"{own}; `simulate` returns no such state: make it with initial_state"
         )
+    if scene.model.loops:
+        rates = np.concatenate([y[slice(*scene.part(name))] for name in ("base_qd", "qd")])
+        _check_closed(scene.model, positions_in(scene, y), rates)
     return y
 
 

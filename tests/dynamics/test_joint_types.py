@@ -34,7 +34,7 @@ from featherstone_gait.dynamics import (
     momentum,
 )
 from featherstone_gait.dynamics.jacobians import center_of_mass_jacobian, jacobian, link_index
-from featherstone_gait.model import Joint, Link, Model
+from featherstone_gait.model import Joint, Link, Mimic, Model
 from featherstone_gait.model.numpy_dynamics import link_poses, mass_matrix_at, zero_position
 from featherstone_gait.walking.stance import standing
 
@@ -313,7 +313,7 @@ def test_accelerations_of_ball_joints_are_those_of_mujoco(tmp_path):
 
 
 def test_other_engines_write_quaternions_of_ball_joints_their_way():
-    model = MODELS["floating"]
+    model = chain(("cylindrical", "ball", "screw", "ball"), "floating", 1)
     q, v = state(model)
     for engine in ("mujoco", "pinocchio", "drake"):
         back = from_engine(engine, model, *to_engine(engine, model, q, v))
@@ -363,7 +363,7 @@ def test_a_session_reads_and_sets_quaternions():
 def test_what_knows_no_ball_joints_says_so():
     with pytest.raises(ValueError, match="servos that walk turn single axes, and tip are ball joints"):
         standing(top())
-    with pytest.raises(ValueError, match="trim knows no ball joints, and tip are some"):
+    with pytest.raises(ValueError, match="trim knows no ball joints, here tip"):
         trim(compile_scene(top()))
     with pytest.raises(ValueError, match="q has quaternions of ball joints"):
         linearize(compile_scene(top()), outputs=("q",))
@@ -403,6 +403,28 @@ def test_a_universal_joint_has_servos(tmp_path):
     run = simulate(scene, 0.5, reference=Reference([0.0], [[0.0, 0.0, 0.0, 0.2, -0.1]]), estimate_error=False)
     assert run["q"][-1, 4:] == pytest.approx([0.2, -0.1], abs=0.02)
     assert np.linalg.norm(run["q"][-1, :4]) == pytest.approx(1.0)
+
+
+def test_a_degree_of_a_ball_joint_has_no_position():
+    model = chain(("ball", "revolute"))
+    with pytest.raises(ValueError, match=r"'ball0.ry' has no position of its own"):
+        model.q_index("ball0.ry")
+    assert model.qd_index("ball0.ry") == 1
+    joints = (model.joints[0], replace(model.joints[1], mimic=Mimic("ball0.rx")))
+    with pytest.raises(ValueError, match="a degree of a ball joint, which has no position"):
+        replace(model, joints=joints)
+    with pytest.raises(ValueError, match="keyframe 'flat': the quaternion of ball joint 'ball0' is zero"):
+        replace(model, keyframes={"flat": (0.0,) * 5})
+
+
+def test_what_other_files_and_engines_mean_otherwise_is_told(tmp_path):
+    with pytest.raises(ValueError, match="free joints free0 within the tree have other velocities in pinocchio"):
+        to_engine("pinocchio", chain(("free",)), np.ones(7), np.zeros(6))
+    save_robot(chain(("screw", "universal")), tmp_path / "chain.urdf")
+    text = (tmp_path / "chain.urdf").read_text(encoding="utf-8")
+    (tmp_path / "other.urdf").write_text(text.replace("universal", "continuous").replace('<screw pitch="0.02"/>', ""))
+    with pytest.warns(RobotFileWarning, match=r"a screw without <screw pitch>.*<axis2> of a joint"):
+        load_robot(tmp_path / "other.urdf")
 
 
 def test_quaternions_without_direction_are_refused():

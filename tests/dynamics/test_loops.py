@@ -706,3 +706,49 @@ def test_loops_run_to_the_same_bits_in_lanes():
     for start, run in zip(starts, together, strict=True):
         alone = simulate(scene, 0.2, start, record=("q",), estimate_error=False)
         assert alone.final.tobytes() == run.final.tobytes()
+
+
+# ------------------------------------------------------------------------------------------------ loops that do nothing
+
+
+@pytest.mark.parametrize("kind", ["connect", "weld", "hinge", "distance"])
+def test_a_loop_within_what_moves_as_one_does_nothing(kind):
+    """Its rows move nothing, and their diagonal of L is rounding."""
+    humanoid = load_robot("humanoid", locked=["left_knee"])
+    more = {"distance": 0.1} if kind == "distance" else {}
+    at = {"point_a": (0.03, 0.01, -0.02), "point_b": (0.01, 0.04, 0.06)}
+    closed = replace(humanoid, loops=(Loop("extra", kind, "left_thigh", "left_shank", **at, **more),))
+    q, qd, tau = (rows[0] for rows in random_states(humanoid, 1, 3))
+    assert forward_dynamics(closed, q, qd, tau) == pytest.approx(forward_dynamics(humanoid, q, qd, tau), rel=1e-12)
+
+
+def test_a_hinge_on_a_hinge_does_nothing():
+    joint = Joint("swing", "continuous", "frame", "rod", (0.1, 0.2, 0.3), axis=Y)
+    model = Model("pendulum", (Link("frame"), bar("rod", 1.0, 0.5, 0.03)), (joint,))
+    twice = replace(model, loops=(Loop("again", "hinge", "frame", "rod", joint.xyz, axis=Y),))
+    for angle in (0.0, 0.7, -2.0):
+        a = forward_dynamics(twice, [angle], [1.5], [0.2])
+        assert a == pytest.approx(forward_dynamics(model, [angle], [1.5], [0.2]), rel=1e-9)
+        assert np.abs(loop_forces(twice, [angle], [1.5], [0.2])).max() < 100.0
+
+
+def test_a_loop_that_is_off_by_half_a_turn_is_refused():
+    joint = Joint("turn", "continuous", "frame", "rod", axis=Y)
+    model = Model("door", (Link("frame"), bar("rod", 1.0, 0.5, 0.03)), (joint,))
+    shut = replace(model, loops=(Loop("shut", "weld", "frame", "rod"),))
+    scene = compile_scene(shut)
+    with pytest.raises(ValueError, match="'shut' is off by half a turn; give close_loops"):
+        initial_state(scene, [math.pi])
+    state = initial_state(scene, [0.0])
+    state[slice(*scene.part("q"))] = 0.3
+    with pytest.raises(ValueError, match="loop 'shut' is open by"):
+        simulate(scene, 0.1, state)
+
+
+def test_a_rod_on_a_ball_joint_is_written_as_mjcf(tmp_path):
+    links = Link("frame"), bar("rod", 1.0, 0.5, 0.03)
+    model = Model("arm", links, (Joint("ball", "ball", "frame", "rod"),))
+    loop = Loop("rod", "distance", "frame", "rod", (0.0, 0.3, 0.0), (0.5, 0.0, 0.0), distance=0.6)
+    model = replace(model, loops=(loop,))
+    save_robot(model, tmp_path / "arm.xml")
+    assert load_robot(tmp_path / "arm.xml").loops[0].distance == pytest.approx(0.6, rel=1e-12)

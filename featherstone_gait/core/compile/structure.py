@@ -153,7 +153,8 @@ class _Constructor(AttributeTemplate):
 
         def typer(*args, **kws):
             given = pysig.bind(*args, **kws).args
-            return StructureType(made, [types.unliteral(x) for x in given])
+            left_out = [types.none] * (len(made._fields) - len(given))  # whose default is None
+            return StructureType(made, [types.unliteral(x) for x in given] + left_out)
 
         typer.pysig = pysig
         return types.Function(make_callable_template(self.key, typer))
@@ -169,7 +170,7 @@ def _field(context, builder, kind, value, name):
 def _construct(context, builder, sig, args):
     model = context.data_model_manager[sig.return_type]
     made = cgutils.alloca_once(builder, model.body)
-    for k, (field, given, kind) in enumerate(zip(args, sig.args, sig.return_type.types, strict=True)):
+    for k, (field, given, kind) in enumerate(zip(args, sig.args, sig.return_type.types)):
         model.put(context, builder, made, k, context.cast(builder, field, given, kind))
     return made
 

@@ -134,7 +134,7 @@ def of_tree(step, part):
         scene=step.scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=part,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=part, closing=step.closing,
     )  # fmt: skip
 
 
@@ -146,11 +146,12 @@ def with_bodies(step, tree):
         tree=tree, floating=s.floating, gravity=s.gravity, actuator=s.actuator, decay=s.decay, armature=s.armature,
         friction=s.friction, stops=s.stops, contact=s.contact, push=s.push, springs=s.springs, coupling=s.coupling,
         firmware=s.firmware, supply=s.supply, joint_springs=s.joint_springs, lifts=s.lifts, trees=s.trees,
-        pairs=s.pairs, balls=s.balls,
+        pairs=s.pairs, balls=s.balls, loops=s.loops,
     )  # fmt: skip
     return Step(
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
         W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=step.part,
+        closing=step.closing,
     )  # fmt: skip

@@ -15,8 +15,9 @@ depend on each other is no exception.
 from ..compile.jit import inline, kernel
 from ..compile.lanes import select, sqrt
 from ..compile.structure import record
+from .forest import rows_of
 from .joint import along
-from .layout import A, P, R, V
+from .layout import DINV, A, P, R, V
 from .rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, product
 from .spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub
 
@@ -48,7 +49,7 @@ SIZE = 12
 # of the scaled L they leave (compliance / (compliance + k))^rounds.  In a step the rows of intermediate states, which
 # are open by the square of the step, contradict each other where they depend on each other at closed ones.
 EXACT, IN_STEP = (1e-8, 10), (1e-6, 4)
-IMMOVABLE = 1e-22  # of the largest diagonal of L: a row below it moves nothing but by rounding
+IMMOVABLE = 1e-26  # of the most that L could have on its diagonal: a row below it moves nothing but by rounding
 SHORTEST = 1e-12  # distance of two points that still has a direction [m]
 
 
@@ -242,6 +243,8 @@ def close(robot, part, contact, loop, softness, W, rows, scratch, force):
             r = k.first + t
             clear_row(part, tree, r, 0, responses, roots)
             d = load3(rows, r, D)
+            if k.a == k.b:  # what is between moves as one
+                d = scale(d, 0.0)
             back = scale(d, -1.0)
             if t >= 3:
                 add_moment(tree, part, k.a, d, r, 0, W, responses, roots)
@@ -256,20 +259,37 @@ def close(robot, part, contact, loop, softness, W, rows, scratch, force):
         for s in range(r + 1):
             L[r, s] = product(part, tree, r, 0, s, 0, W, responses, roots)
         force[r] = acceleration_along(part, tree, r, 0, W, responses, roots) + rows[r, BIAS]
-    solve_rows(L, softness, force)
+    solve_rows(L, _most(part, tree, rows, W), softness, force)
     for r in range(m):
         apply_row(part, tree, r, 0, force[r], W, responses, roots)
 
 
+@inline
+def _most(part, tree, rows, W):
+    """Return what a unit force with the longest lever could do to a joint, as a diagonal of L [1/kg]."""
+    root, end = rows_of(part, tree)
+    most, far = 0.0 * rows[0, GAP], 0.0 * rows[0, GAP]
+    for r in range(len(rows)):
+        for at in (PA, PB):
+            x = load3(rows, r, at)
+            square = dot(x, x)
+            far = select(square > far, square, far)
+    for i in range(root + 1, end):
+        p = load3(W, i, P)
+        reach = W[i, DINV] * (1.0 + far + dot(p, p))
+        most = select(reach > most, reach, most)
+    return most
+
+
 @kernel
-def solve_rows(L, softness, x):
-    """Solve L f = -x, of the lower triangle of L (m, m + 2), by the proximal iteration; f replaces x."""
+def solve_rows(L, most, softness, x):
+    """Solve L f = -x, of the lower triangle of L (m, m + 2), by the proximal iteration; f replaces x.
+
+    most: what a row could have on the diagonal at most; one that has nothing of it does nothing.
+    """
     m, (compliance, rounds) = len(x), softness
-    largest = 0.0 * x[0]
-    for r in range(m):
-        largest = select(L[r, r] > largest, L[r, r], largest)
     for r in range(m):  # columns m and m + 1: the scale, and the scaled right-hand side
-        movable = L[r, r] > IMMOVABLE * largest
+        movable = L[r, r] > IMMOVABLE * most
         L[r, m] = select(movable, 1.0 / sqrt(select(movable, L[r, r], 1.0)), 0.0)
         L[r, m + 1] = -x[r] * L[r, m]
         x[r] = 0.0

@@ -29,7 +29,7 @@ import numpy as np
 from ...base.flaws import quoted
 from ...model import TORQUE_LAWS, Controller, Gearbox, Joint, Servo
 from .equalities import couplings, held_joints, joints_of
-from .tree import Tree, actuator_count
+from .tree import BALL, Tree, actuator_count
 
 JOINT_TRANSMISSIONS, TENDON = (0, 1), 3  # mjTRN_JOINT, mjTRN_JOINTINPARENT, mjTRN_TENDON
 NO_DYNAMICS, DC_DYNAMICS, FILTERS = 0, 5, (2, 3)  # mjtDyn
@@ -93,7 +93,7 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
         joint, gear = _turned(m, k)
         if joint >= 0 and not tree.holds(m, int(m.jnt_bodyid[joint])):
             continue  # of another tree
-        name = tree.joint_names[joint] if gear else ""
+        name = tree.joint_names[joint] if gear and m.jnt_type[joint] != BALL else ""
         if name not in by_name:
             left.setdefault("ignored actuators that are not on one joint", []).append(m.actuator(k).name or str(k))
             continue

@@ -13,6 +13,7 @@ from ...base.rotation import rotation_from_quaternion, rotation_from_rpy, rpy_fr
 from ...dynamics import forward_kinematics
 from ...model import Loop, Model
 from ...model.loop import LoopKind
+from ...model.numpy_dynamics import zero_position
 from ..markup import element
 from .equalities import CONNECT, KINDS, SITE, TENDON, WELD, active, follows_mocap, lines, title
 from .tree import Tree, unused, vector
@@ -170,10 +171,7 @@ def tendon_lines(model: Model) -> list[str]:
 
 def _length_at_zero(model: Model, loop: Loop) -> float:
     """Return the distance of a loop's points with all joints at zero and the base at the origin [m]."""
-    q = np.zeros(model.nq)
-    if model.base == "floating":
-        q[3] = 1.0
-    poses = forward_kinematics(model, q)
+    poses = forward_kinematics(model, zero_position(model))
     places = []
     for link, point in ((loop.a, loop.point_a), (loop.b, loop.point_b)):
         row = None if link is None else model.link_index(link)
