@@ -79,7 +79,7 @@ class Loop:
             yield f"{what}: a is {shown(self.a)}; expected the name of a link: write it in quotes"
         if self.b is not None and not isinstance(self.b, str):
             yield f"{what}: b is {shown(self.b)}; expected the name of a link, or None for the world: correct it"
-        if isinstance(self.a, str) and self.a == self.b:
+        if isinstance(self.a, str) and isinstance(self.b, str) and self.a == self.b:
             yield f"{what}: both ends are on link {self.a!r}, which is rigid; name two different links"
         for name in ("point_a", "point_b"):
             yield from vector_flaws(what, name, getattr(self, name), 3)
@@ -92,8 +92,8 @@ class Loop:
             yield f"{what}: axis {self.axis!r} is not of unit length; divide it by its length"
         flaws = list(quantity_flaws(what, self))
         yield from flaws
-        if not flaws and (self.kind == "distance") != (self.distance > 0):
-            rod = self.kind == "distance"
+        rod = isinstance(self.kind, str) and self.kind == "distance"
+        if not flaws and rod != (self.distance > 0):
             allowed = "a rod has one above 0" if rod else "only kind 'distance' has one"
             remedy = "give the length, or use kind 'connect'" if rod else "leave it out, or use kind 'distance'"
             yield f"{what}: distance is {self.distance!r} m with kind {self.kind!r}; {allowed}: {remedy}"
