@@ -40,7 +40,6 @@ from ..core.integrate.rollout import OK
 from ..core.step.signals import Signals
 from ..core.step.state import BY_NAME, IN_STATE, RECORDABLE
 from ..dynamics import coupling_matrix
-from ..model.degrees import ball_name
 from ..run.compiled_run import CompiledRun, Vector, in_lanes, knots_in_lanes, lane_zeros
 from ..run.lane_engine import sampled
 from ..run.prepare import prepare, with_steps, with_tolerance
@@ -722,8 +721,7 @@ def _labels(scene: CompiledScene, outputs: tuple[str, ...], read: np.ndarray) ->
         if name == "base_q":
             labels = BY_NAME[name].labels
         elif name == "ball_q":
-            balls = (ball_name(scene.model.moving_joints[k]) for k in scene.model.balls)
-            labels = tuple(f"{ball}.q{label}" for ball in balls for label in BY_NAME[name].labels)
+            labels = tuple(f"{ball}.q{label}" for ball in scene.model.ball_names for label in BY_NAME[name].labels)
         elif name in ("q", "qd", "qdd"):
             labels = scene.model.joint_names
         else:

@@ -443,7 +443,7 @@ def energy(
     x, joints = _arguments(model, q=q)["q"], model.moving_joints
     stiffness = np.array([joint.stiffness for joint in joints])
     if stiffness.any():
-        stretch = _single(model, x) - [joint.spring_reference for joint in joints]
+        stretch = model.single_positions(x) - [joint.spring_reference for joint in joints]
         out[:, 1] += (0.5 * stiffness * stretch**2).sum(axis=1)
     for link in model.links:
         if link.gravity_compensation:
@@ -780,13 +780,8 @@ def _spring_torque(model: Model, q: np.ndarray, stiffness: ArrayLike | None) -> 
     if not K.any():
         return None
     force = np.zeros((len(q), model.nv))
-    force[:, model.nv - len(joints) :] = K * ([j.spring_reference for j in joints] - _single(model, q))
+    force[:, model.nv - len(joints) :] = K * ([j.spring_reference for j in joints] - model.single_positions(q))
     return force
-
-
-def _single(model: Model, q: np.ndarray) -> np.ndarray:
-    """Return the positions of the degrees (n, joints) in q (n, nq), 0 of ball joints."""
-    return compile_tree(model).split_positions(q[:, model.base_positions :])[0]
 
 
 def _still(tree: Tree, q: np.ndarray) -> Motion:

@@ -1,4 +1,4 @@
-"""What loops leave of a robot's freedom."""
+"""Count the degrees of freedom of a robot with loops."""
 
 from __future__ import annotations
 

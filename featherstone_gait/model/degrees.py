@@ -91,7 +91,7 @@ def _across(axis: Vector) -> tuple[Vector, Vector]:
 
 
 def written_degrees(joint: Joint) -> list[Joint]:
-    """Return the joint as joints of one degree and ball joints, of whose degrees the names are those of its own."""
+    """Return the joint as a chain of joints of one degree and ball joints, whose degrees keep their names."""
     single = list(_chain(joint)) if joint.type in COMPOSITE else [joint]
     last = single[-1]
     if last.type != "ball":
@@ -101,7 +101,7 @@ def written_degrees(joint: Joint) -> list[Joint]:
 
 
 def by_degree(held: Mapping[str, float], joints: Iterable[Joint]) -> dict[str, float]:
-    """Return what is held by degree: a joint of several degrees is named as a whole where it is held at zero."""
+    """Return the held positions by degree; a joint of several degrees may be named as a whole if it is held at zero."""
     found = dict(held)
     for joint in joints:
         if joint.type in COMPOSITE and joint.name in found:

@@ -148,14 +148,8 @@ def _composites(model: Model, joints: bytes) -> tuple[np.ndarray, ...]:
 
 def _frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compute `frames` once for robots that differ in their masses alone; not to be changed."""
-    places = (
-        tuple(bodies.parent),
-        tuple(bodies.prismatic),
-        tuple(bodies.pitch.tolist()),
-        bodies.E.tobytes(),
-        bodies.r.tobytes(),
-    )
-    return _known_frames(*places, q.tobytes())
+    kinds = tuple(bodies.prismatic), tuple(bodies.pitch.tolist())
+    return _known_frames(tuple(bodies.parent), *kinds, bodies.E.tobytes(), bodies.r.tobytes(), q.tobytes())
 
 
 @functools.lru_cache(maxsize=8)

@@ -114,7 +114,8 @@ class Model:
         check(name_flaws("robot", self.name), choice_flaws(what, "base", self.base, ("fixed", "floating")))
         self._freeze(what)
         check_tree(self.links, self.joints)
-        check_tree(self.links + self.degrees.between, self.degrees.joints)
+        if self.degrees.between:  # whose names may be taken
+            check_tree(self.links + self.degrees.between, self.degrees.joints)
         check_locked(self.degrees.joints, self.locked)
         check_mimics(self.degrees.joints)
         check_servos(self.degrees.joints, self.servos)
@@ -129,9 +130,8 @@ class Model:
         check_can_move(self.joints, self.held)
         for name, q in self.keyframes.items():
             check(vector_flaws(f"keyframe {name!r}", "q", q, self.nq))
-            for ball in self.balls:
+            for ball, whole in zip(self.balls, self.ball_names):
                 if not any(q[self.position_slices[ball]]):
-                    whole = ball_name(self.moving_joints[ball])
                     raise ValueError(
                         f"keyframe {name!r}: the quaternion of ball joint {whole!r} is zero; give w x y z, "
                         "[1, 0, 0, 0] is no rotation"
@@ -264,10 +264,15 @@ class Model:
         return tuple(names)
 
     def single_positions(self, q: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Return the position of each of `moving_joints` (n,) [rad or m] in q (nq,), 0 of ball joints."""
+        """Return the position of each of `moving_joints` (..., n) [rad or m] in q (..., nq), 0 of ball joints."""
+        q = np.array(q, dtype=float)
         if not self.balls:
-            return np.array(q[self.base_positions :], dtype=float)
-        return np.array([q[at][0] if at.stop == at.start + 1 else 0.0 for at in self.position_slices])
+            return q[..., self.base_positions :]
+        single = np.zeros((*q.shape[:-1], len(self.moving_joints)))
+        for k, (joint, place) in enumerate(zip(self.moving_joints, self.position_slices)):
+            if joint.type != "ball":
+                single[..., k] = q[..., place.start]
+        return single
 
     @property
     def base_positions(self) -> int:
@@ -278,6 +283,11 @@ class Model:
     def balls(self) -> tuple[int, ...]:
         """Index in `moving_joints` of the first degree of each ball joint."""
         return tuple(k for k, width in enumerate(widths(self.moving_joints)) if width == 4)
+
+    @property
+    def ball_names(self) -> tuple[str, ...]:
+        """Name of each ball joint, in the order of `balls`; of a free joint that turns, its name."""
+        return tuple(ball_name(self.moving_joints[k]) for k in self.balls)
 
     @cached_property
     def held(self) -> dict[str, float]:

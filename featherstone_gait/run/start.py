@@ -21,7 +21,6 @@ from ..dynamics import forward_kinematics, loop_gaps, loop_jacobian
 from ..dynamics.inverse_kinematics import close_loops, is_flipped
 from ..model import Model
 from ..model.composite import TOLERANCE
-from ..model.degrees import ball_name
 from ..model.numpy_dynamics import at_joints, what_is_loose, with_quaternions
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
@@ -101,9 +100,9 @@ def initial_state(
         y[o["bus_voltage"]] = scene.constants.supply[0].voltage
     if model.base == "floating":
         view.base_q[3:] /= math.sqrt(total(q[3:7] * q[3:7]))
-    for ball, dof in zip(view.ball_q, model.balls):
+    for ball, dof, name in zip(view.ball_q, model.balls, model.ball_names):
         turned = q[model.position_slices[dof]]
-        check_unit(f"{model.name}: q of ball joint {ball_name(model.moving_joints[dof])!r}", turned, SHORTEST, LONGEST)
+        check_unit(f"{model.name}: q of ball joint {name!r}", turned, SHORTEST, LONGEST)
         ball[:] = turned / math.sqrt(total(turned * turned))
     return y
 
@@ -222,7 +221,7 @@ def check_one(scene: CompiledScene, what: str) -> None:
 def check_no_balls(scene: CompiledScene, what: str) -> None:
     """Raise ValueError for a robot with ball joints, whose orientations `what` does not know."""
     if scene.tree.balls is not None:
-        names = ", ".join(ball_name(scene.model.moving_joints[k]) for k in scene.model.balls)
+        names = ", ".join(scene.model.ball_names)
         raise ValueError(
             f"{scene.model.name}: {what} knows no ball joints, here {names}; make them universal joints with "
             "a continuous one, or lock them"

@@ -193,16 +193,8 @@ def joined_tree(members: Sequence[Member]) -> Tree:
     trees.number = np.arange(len(members))
     end = moved[-1].row + scenes[-1].tree.rows - len(scenes[-1].tree.bodies)
     joined = np.concatenate(bodies).view(np.recarray)
-    return Tree(
-        joined,
-        True,
-        tuple(names),
-        places,
-        end,
-        _concatenated(couplings),
-        trees,
-        np.concatenate(balls) if balls else None,
-    )
+    first = np.concatenate(balls) if balls else None
+    return Tree(joined, True, tuple(names), places, end, _concatenated(couplings), trees, first)
 
 
 def _fill_tree(row: Any, scene: CompiledScene, at: Shift) -> None:
@@ -412,8 +404,7 @@ def joined_preflight(members: Sequence[Member], first: Preflight) -> Preflight:
 def shares(members: Sequence[Member]) -> dict[str, Share]:
     """Return which numbers of the channels are each member's, by name."""
     found: dict[str, Share] = {}
-    model_of, at_q = [member.model for member in members], 0
-    positions = sum(len(one.position_names) for one in model_of)
+    at_q, positions = 0, sum(len(member.model.position_names) for member in members)
     joints = sum(member.scene.tree.n for member in members)
     for k, (member, at) in enumerate(zip(members, shifts([member.scene for member in members]))):
         points = count(member.scene.constants.contact and member.scene.constants.contact.points)

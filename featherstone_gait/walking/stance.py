@@ -19,7 +19,6 @@ from ..base.rotation import cross, rotation_from_quaternion
 from ..dynamics import contact_positions_at
 from ..dynamics.jacobians import point_at
 from ..model import Model
-from ..model.degrees import ball_name
 from ..model.rest_posture import standing_keyframe
 from .inverse_kinematics import leg_joints, leg_length_to, mid_range, nearest
 from .kinematics import center_of_mass, joint_limits, link_index, link_poses
@@ -69,7 +68,7 @@ def standing(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Return the joint angles (nj,) [rad] at which a robot stands and its root's rotation (3, 3), facing along x."""
     q, n = standing_keyframe(model), len(model.joint_names)
     if model.balls:
-        names = ", ".join(ball_name(model.moving_joints[k]) for k in model.balls)
+        names = ", ".join(model.ball_names)
         raise ValueError(f"{model.name}: servos that walk turn single axes, and {names} are ball joints; lock them")
     if q is None:
         return np.zeros(n), np.eye(3)

@@ -178,7 +178,7 @@ def symmetric(upper):
 
 
 def _turning(model, theirs, p, T, v):
-    """What the base's velocity in its own axes adds to Pinocchio's bias: M (w x v)."""
+    """Return M (w x v), which Pinocchio's bias lacks because its base velocity is in the base's own axes."""
     import pinocchio as pin
 
     if model.base == "fixed":

@@ -90,7 +90,7 @@ def test_rubber_keeps_the_box_on_the_arms(engine):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("make", "origin", "least"), [(study.hit, "ahead", 0.2), (study.push, "behind", 0.4)])
 def test_a_light_blow_is_survived_and_a_heavy_one_is_not(make, origin, least, engine):
-    """Of a ball or of another humanoid, which does not go on at its speed."""
+    """A ball, or another humanoid, pushes the walking one and is slower afterwards."""
     pytest.importorskip("mujoco")
     for momentum, stands in ((least, True), (2.0, False)):
         task = make(origin, momentum)

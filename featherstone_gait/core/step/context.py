@@ -152,6 +152,5 @@ def with_bodies(step, tree):
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=step.part,
-        closing=step.closing,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=step.part, closing=step.closing,
     )  # fmt: skip

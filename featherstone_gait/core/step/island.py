@@ -73,7 +73,7 @@ def solve_islands(pairs, step):
         place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
         find_islands(pairs, step)
     else:
-        _part(pool, len(trees))
+        _each_alone(pool, len(trees))
     forces = any_present(any_present(acting(step), step.tau), scene.contact)
     alone = with_bodies(step, pairs.bodies)
     for n in range(pool.count[1]):
@@ -85,7 +85,7 @@ def solve_islands(pairs, step):
 
 
 @inline
-def _part(pool, count):
+def _each_alone(pool, count):
     """Make an island of each tree where the pool holds no pair."""
     pool.count[0], pool.count[1], pool.count[2] = 0, count, 0
     for k in range(count):

@@ -7,16 +7,8 @@ error control watches them, nothing else reads them.
 
 from ..compile.jit import inline
 from ..compile.optional import slice_if
-from .forest import LARGEST
+from .forest import balls_of
 from .kinematics import turn, turn_rate, unit_quaternion
-
-
-@inline
-def balls_of(part, balls):
-    """Return the first ball joint of a tree and the one after the last."""
-    if part is None:
-        return 0, len(balls)
-    return part.ball & LARGEST, part.end_ball & LARGEST
 
 
 @inline

@@ -68,6 +68,14 @@ def couplings_of(part, coupling):
 
 
 @inline
+def balls_of(part, balls):
+    """Return the first ball joint and the one after the last."""
+    if part is None:
+        return 0, len(balls)
+    return part.ball & LARGEST, part.end_ball & LARGEST
+
+
+@inline
 def base_index(part):
     """Return which of the scene's bases is the tree's."""
     if part is None:
