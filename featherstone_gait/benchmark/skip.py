@@ -27,7 +27,8 @@ from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
 from ..geometry.body import body as solid
-from ..model import Ground, HeightField, Joint, Link, Mimic, Model, Supply
+from ..model import Ground, HeightField, Joint, Link, Loop, Mimic, Model, Supply
+from ..model.numpy_dynamics import link_poses, zero_position
 from ..model.placed import Placed, SceneModel
 from ..model.shapes import Box, Sphere
 from ..robot_file import load_robot
@@ -218,6 +219,13 @@ def first_by(arm: Model, kind: Any) -> Model:
     return replace(arm, links=links, joints=(*turning, *others), keyframes={})
 
 
+def tied(arm: Model) -> Model:
+    """Return the arm with a rod of 0.3 m from its last link to the base."""
+    link = arm.links[-1].name
+    x, y, z = (float(a) for a in link_poses(arm, zero_position(arm)).position[-1])
+    return replace(arm, loops=(Loop("rod", "distance", link, arm.root, point_b=(x + 0.3, y, z), distance=0.3),))
+
+
 def driven(**changes: Any) -> Model:
     """Return the arm with AX-12 servos without friction."""
     return with_servo(free_arm(), "ax12", **{"viscous_friction": 0.0, "coulomb_friction": 0.0} | changes)
@@ -238,6 +246,7 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no springs of joints", plain, rollout(changed(arm, stiffness=0.1)), "one at each joint"),
         ("no borne weights", plain, rollout(replace(arm, links=lifted)), "half of each link's"),
         ("no ball joint", rollout(first_by(arm, "universal")), rollout(first_by(arm, "ball")), "for three hinges"),
+        ("no loop", rollout(arm, integrator="rk4"), rollout(tied(arm), integrator="rk4"), "a rod to the base, rk4"),
         ("no coupled joints", plain, rollout(changed(arm, last, mimic=Mimic(arm.joints[0].name))), "the last of 7"),
         ("no pushes", plain, rollout(arm, pushes=(push,)), "one push"),
         ("no recorded channel", rollout(arm, every=1), rollout(arm, record=PARTS, every=1), "one number, and all"),

@@ -1,5 +1,7 @@
 """Simulations with ball joints: conservation, order of the integrators, the same bits however they run."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,8 +75,8 @@ def test_fixed_steps_keep_their_order(integrator, steps, order):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
 
 
-@pytest.mark.parametrize(("integrator", "most"), [("ars343", 100.0), ("extrapolation", 100.0), ("dop853", 100.0)])
-def test_tolerance_orders_the_error(integrator, most):
+@pytest.mark.parametrize("integrator", ["ars343", "extrapolation", "dop853"])
+def test_tolerance_orders_the_error(integrator):
     model, (q, v) = pendulum("floating"), start(pendulum("floating"))
     exact = compile_scene(model, integrator="dop853")
     reference = simulate(exact, 0.5, initial_state(exact, q, v), rtol=1e-13)["q"][-1]
@@ -83,7 +85,7 @@ def test_tolerance_orders_the_error(integrator, most):
     for rtol in (1e-4, 1e-6, 1e-8):
         run = simulate(scene, 0.5, initial_state(scene, q, v), rtol=rtol, estimate_error=False)
         errors.append(np.abs(run["q"][-1] - reference).max())
-        assert errors[-1] < most * rtol
+        assert errors[-1] < 100.0 * rtol
     assert errors[0] > errors[1] or errors[1] < 1e-13
     assert errors[1] > errors[2]
 
@@ -122,10 +124,11 @@ def test_a_robot_with_ball_joints_comes_to_rest_on_the_ground():
     model = pendulum("floating")
     corners = [(x, y, -0.3) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
     contacts = tuple(ContactPoint(link, at) for link in ("base", "upper", "lower") for at in corners)
-    robot = Model("robot", model.links, model.joints, "floating", contacts=contacts)
-    scene = compile_scene(robot, ground=Ground())
+    joints = tuple(replace(joint, damping=0.5) for joint in model.joints)
+    robot = Model("robot", model.links, joints, "floating", contacts=contacts)
+    scene = compile_scene(robot, ground=Ground(), fall_tilt=3.2, fall_height=-1.0)
     q = np.array([0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    run = simulate(scene, 2.0, initial_state(scene, q), record=("q", "contact_force", "base_q"))
-    weight = robot.mass * 9.81
-    assert run.status in ("ok", "fell", "inaccurate")
-    assert run["contact_force"][-1][:, 0].sum() == pytest.approx(weight, rel=0.5)
+    run = simulate(scene, 6.0, initial_state(scene, q), record=("qd", "contact_force"), estimate_error=False)
+    assert run.status == "ok"
+    assert np.abs(run["qd"][-1]).max() < 0.01
+    assert run["contact_force"][-1][:, 0].sum() == pytest.approx(robot.mass * 9.81, rel=1e-5)
