@@ -226,6 +226,18 @@ def tied(arm: Model) -> Model:
     return replace(arm, loops=(Loop("rod", "distance", link, arm.root, point_b=(x + 0.3, y, z), distance=0.3),))
 
 
+@cache
+def chain(joints: int = 20) -> Model:
+    """Return a chain of hinges whose axes take turns, bent everywhere."""
+    links, found = [Link("link0")], []
+    for k in range(1, joints + 1):
+        place, axis = (0.1 if k > 1 else 0.0, 0.0, 0.0), tuple(float(k % 3 == axis) for axis in (0, 1, 2))
+        links.append(Link(f"link{k}", 1.0, (0.05, 0.0, 0.0), (1e-3, 0.0, 0.0, 2e-3, 0.0, 2e-3)))
+        bent: dict[str, Any] = {"rpy": (0.1, 0.15, -0.2), "axis": axis}
+        found.append(Joint(f"joint{k}", "continuous", f"link{k - 1}", f"link{k}", place, **bent))
+    return Model("chain", tuple(links), tuple(found))
+
+
 def driven(**changes: Any) -> Model:
     """Return the arm with AX-12 servos without friction."""
     return with_servo(free_arm(), "ax12", **{"viscous_friction": 0.0, "coulomb_friction": 0.0} | changes)
@@ -247,6 +259,8 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no borne weights", plain, rollout(replace(arm, links=lifted)), "half of each link's"),
         ("no ball joint", rollout(first_by(arm, "universal")), rollout(first_by(arm, "ball")), "for three hinges"),
         ("no loop", rollout(arm, integrator="rk4"), rollout(tied(arm), integrator="rk4"), "a rod to the base, rk4"),
+        ("no loop (chain of 20 joints)", rollout(chain(), integrator="rk4"), rollout(tied(chain()), integrator="rk4"),
+         "the same"),
         ("no coupled joints", plain, rollout(changed(arm, last, mimic=Mimic(arm.joints[0].name))), "the last of 7"),
         ("no pushes", plain, rollout(arm, pushes=(push,)), "one push"),
         ("no recorded channel", rollout(arm, every=1), rollout(arm, record=PARTS, every=1), "one number, and all"),

@@ -14,14 +14,14 @@ from ..core.effects.stop import explicit_limit
 from ..core.integrate.adaptive import PROGRESS, STALLED
 from ..core.step import pace
 from ..core.step.context import Plan
-from ..dynamics import center_of_mass
+from ..dynamics import center_of_mass, loop_gaps
 from ..model import Model
 from ..scene.compile import CompiledScene
 from ..scene.contact import over_ground
 from ..scene.forest import shares
 from .compiled_run import CompiledRun
 from .prepare import least_step
-from .start import positions_in, what_is_loose_at
+from .start import CLOSED, positions_in, what_is_loose_at
 from .status import OF_CODE, Status
 from .trajectory import Trajectory
 
@@ -81,6 +81,8 @@ def classify(scene: CompiledScene, end: float, y: np.ndarray) -> Outcome:
     missed = y[scene.part("newton_iterations")[0] + 1]
     if wrong is None and missed > 0:
         message = f"{missed:.0f} implicit steps missed their tolerance"
+        if scene.model.loops:
+            message = f"{missed:.0f} steps missed their tolerance{_opened(scene, y)}: use a smaller timestep"
         if scene.pairs and (scene.method.explicit or scene.method.theta < 1.0):  # forces are not those at steps' ends
             also = "" if scene.method.explicit else f"{message}, or "
             message = (
@@ -89,6 +91,13 @@ def classify(scene: CompiledScene, end: float, y: np.ndarray) -> Outcome:
             )
         wrong = Outcome(Status.NOT_CONVERGED, message)
     return Outcome(Status.OK, "", end) if wrong is None else wrong._replace(end_time=end)
+
+
+def _opened(scene: CompiledScene, y: np.ndarray) -> str:
+    """Return part of a sentence that names the loop that is open most in a state, if one is."""
+    gaps = np.abs(loop_gaps(scene.model, positions_in(scene, y)))
+    names, worst = [loop.name for loop in scene.model.loops for _ in range(loop.rows)], int(gaps.argmax())
+    return f", and loop {names[worst]!r} is open by {gaps[worst]:.3g} m or rad" if gaps[worst] > CLOSED else ""
 
 
 def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:

@@ -657,6 +657,20 @@ def test_a_slider_crank_runs_as_its_one_equation_and_to_the_order_of_the_integra
     assert errors[1] / errors[2] > 12.0
 
 
+def test_a_step_that_cannot_close_its_loops_has_not_converged():
+    model, q = slider_crank(), np.array([0.3, rod_angle(0.3), piston_place(0.3)])
+    free = np.linalg.svd(loop_jacobian(model, q))[2][-1]
+    qd, found = 100.0 / free[0] * free, {}
+    for h in (2e-2, 1e-3):  # a third of a turn, and a sixtieth
+        scene = compile_scene(model, timestep=h)
+        found[h] = simulate(scene, 0.1, initial_state(scene, q, qd), record=("q",), estimate_error=False)
+    assert found[2e-2].status == "not converged"
+    assert "steps missed their tolerance" in found[2e-2].message
+    assert "use a smaller timestep" in found[2e-2].message
+    assert found[1e-3].status == "ok"
+    assert np.abs(loop_gaps(model, found[1e-3]["q"])).max() < 1e-14
+
+
 @pytest.mark.long
 def test_bricards_loop_keeps_its_energy_and_stays_closed():
     model = bricard()

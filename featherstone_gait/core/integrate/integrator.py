@@ -136,8 +136,8 @@ def closing_of(sizes: Sizes, zeros) -> Closing | None:
         return None
     n, m = sizes.n, int(sizes.loops.rows[0])
     return Closing(
-        zeros((m, LOOP_ROW)), zeros((m, 1, n + 1)), zeros((m, 1, SIDE)), zeros((m, m + 2)), zeros(m), zeros(n + 6),
-        zeros(n + 6),
+        zeros((m, LOOP_ROW)), zeros((m, 1, n + 1)), zeros((m, 1, SIDE)), zeros((m, m + 2)), zeros(m), zeros(m),
+        zeros((n + 1, 6)), zeros(n + 6), zeros(7 + 4 * sizes.balls),
     )  # fmt: skip
 
 

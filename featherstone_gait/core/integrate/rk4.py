@@ -64,7 +64,7 @@ def rk4_step(work, run, y, t, theta):
         y[i] = start[i] + (h / 6.0) * total[i]
     unit_quaternions(run.scene.floating, run.scene.trees, run.offsets[0].base_q, y)
     unit_balls(run.scene.balls, run.offsets[0].ball_q, y)
-    project(run.scene.loops, run, y)
+    project(run.scene.loops, run.scene, run.offsets[0], work.closing, work.scratch.W, y)
 
 
 def _workspace(sizes, zeros):

@@ -1,8 +1,9 @@
-"""Loops in the differential equation: accelerations that keep them closed, and what a step leaves open closed again.
+"""Loops in a step: accelerations that keep them closed, and what a step leaves open closed again.
 
 The accelerations of `core/tree/loop.py` leave gaps as small as the error of a step.  `project` takes these away after
-each step, by the moves of least kinetic energy: with M of the posture, J M^-1 J' f = -gap and the move M^-1 J' f.
-Of velocities J qd takes the place of the gap.
+each step, by moves M^-1 J' f with J M^-1 J' f = -gap; of velocities J qd takes the place of the gap.  Any positive
+definite M will do: that of the step's last accelerations is factored already, with what the step has folded into it.
+Gaps and speeds are found anew after each move, until nothing is left.
 """
 
 from typing import NamedTuple
@@ -10,16 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import inline, kernel
-from ..compile.optional import slice_if
+from ..compile.lanes import any_lane, select
 from ..compile.structure import structure
-from ..tree.aba import acceleration_pass, articulated_pass, constrain
 from ..tree.ball import ball_positions, move_balls
 from ..tree.forest import base_of
-from ..tree.kinematics import base_acceleration, motion_pass, move_base
+from ..tree.kinematics import base_acceleration, motion_pass, move_base, pose_pass
 from ..tree.layout import Motion
-from ..tree.loop import BIAS, GAP, IN_STEP, SPEED, close, fill_loops
+from ..tree.loop import GAP, IN_STEP, SPEED, close, fill_loops, keep_factors, move_by, solve_rows
 
-MOVES = 2  # of positions after a step: the second takes away the square of the first
+MOVES = 12  # at most
+SMALL = 1e-10  # gap [m or rad], and speed of it by the fastest coordinate, of which one move leaves rounding
+CLOSED = 1e-9  # what counts as closed
 
 
 @structure
@@ -39,9 +41,11 @@ class Closing(NamedTuple):
     responses: np.ndarray  # (m, 1, n + 1)
     roots: np.ndarray  # (m, 1, SIDE)
     matrix: np.ndarray  # (m, m + 2)
-    force: np.ndarray  # (m,)
-    still: np.ndarray  # (n + 6,) zeros
-    move: np.ndarray  # (n + 6,) of base and joints
+    force: np.ndarray  # (m,) [N or N m]
+    push: np.ndarray  # (m,) the same of a move
+    factors: np.ndarray  # (n + 1, 6) columns U of the factors in which the forces were found
+    move: np.ndarray  # (n + 6,) of joints and base
+    moved: np.ndarray  # (7 + 4 balls,) coordinates of base and ball joints after it
 
 
 @inline
@@ -53,81 +57,109 @@ def close_loops(loops, contact, step):
         fill_loops(loops.table, scene.gravity, base_q, step.W, work.rows)
         scratch = work.responses, work.roots, work.matrix
         close(scene, loops.part[0], contact, loops.table, IN_STEP, step.W, work.rows, scratch, work.force)
+        keep_factors(loops.part[0], scene.tree, step.W, work.factors)
 
 
 @inline
-def project(loops, run, y):
-    """Close what a step has left open, in positions and velocities."""
+def project(loops, scene, offsets, work, W, y):
+    """Close what a step has left open in y, in the factors of its last accelerations; work: Closing."""
     if loops is not None:
-        for _ in range(MOVES):
-            _project_positions(loops, run, y)
-        _project_velocities(loops, run, y)
+        _project(loops, scene, offsets, work, W, y)
 
 
 @kernel
-def _project_positions(loops, run, y):
-    scene, offsets, scratch = run.scene, run.offsets[0], run.work.scratch
-    work, n = run.work.closing, len(scene.tree) - 1
-    bq, q = base_of(scene.floating, None, y, offsets.base_q, 7), y[offsets.q : offsets.q + n]
-    ball_q = ball_positions(scene.balls, y, offsets.ball_q)
-    _pose(scene, bq, q, ball_q, work, scratch.W)
-    fill_loops(loops.table, work.still, bq, scratch.W, work.rows)
-    for r in range(len(work.rows)):
-        work.rows[r, BIAS] = work.rows[r, GAP]
-    _respond(loops, scene, bq, work, scratch.W)
-    move = work.move[6 : 6 + n]
-    for i in range(n):
-        q[i] += move[i]
-    move_balls(scene.balls, None, ball_q, move, 1.0, ball_q)
-    _move_base(bq, work)
+def _project(loops, scene, offsets, work, W, y):
+    """Move positions and velocities; count a step whose loops stay open as one that has not converged.
 
-
-@kernel
-def _project_velocities(loops, run, y):
-    scene, offsets, scratch = run.scene, run.offsets[0], run.work.scratch
-    work, n = run.work.closing, len(scene.tree) - 1
+    In lanes what is closed in one is not moved any more.
+    """
+    n, zero = len(scene.tree) - 1, 0.0 * y[offsets.status]
     bq, q = base_of(scene.floating, None, y, offsets.base_q, 7), y[offsets.q : offsets.q + n]
     bv, v = base_of(scene.floating, None, y, offsets.base_qd, 6), y[offsets.qd : offsets.qd + n]
     ball_q = ball_positions(scene.balls, y, offsets.ball_q)
-    motion_pass(scene.tree, None, work.still, Motion(bq, bv, None, q, v, None, ball_q), scratch.W)
-    fill_loops(loops.table, work.still, bq, scratch.W, work.rows)
-    for r in range(len(work.rows)):
-        work.rows[r, BIAS] = work.rows[r, SPEED]
-    _pose(scene, bq, q, ball_q, work, scratch.W)
-    _respond(loops, scene, bq, work, scratch.W)
+    at_work, gap = zero == 0.0, zero
+    for k in range(MOVES):
+        pose_pass(scene.tree, None, bq, ball_q, q, W)
+        fill_loops(loops.table, scene.gravity, bq, W, work.rows)
+        before, gap = gap, select(at_work, _largest(GAP, work.rows), gap)
+        _find_move(GAP, loops, scene, work, W)
+        _move_joints(n, at_work, work.move, q)
+        _move_balls(ball_q, scene, at_work, work)
+        _move_base(bq, at_work, work, W)
+        at_work = at_work & (gap > SMALL) & _closes(k, gap, before)
+        if not any_lane(at_work):
+            break
+    fast = 1.0 + zero
+    for i in range(offsets.base_qd, offsets.after_coordinates):
+        fast = select(abs(y[i]) > fast, abs(y[i]), fast)
+    at_work, speed = zero == 0.0, zero
+    for k in range(MOVES):
+        motion_pass(scene.tree, None, scene.gravity, Motion(bq, bv, None, q, v, None, ball_q), W)
+        fill_loops(loops.table, scene.gravity, bq, W, work.rows)
+        before, speed = speed, select(at_work, _largest(SPEED, work.rows), speed)
+        _find_move(SPEED, loops, scene, work, W)
+        _move_joints(n, at_work, work.move, v)
+        _speed_base(bv, at_work, work, W)
+        at_work = at_work & (speed > SMALL * fast) & _closes(k, speed, before)
+        if not any_lane(at_work):
+            break
+    missed, at = (gap > CLOSED) | (speed > CLOSED * fast), offsets.newton_iterations + 1
+    y[at] = select(missed, y[at] + 1.0, y[at])
+
+
+@inline
+def _largest(column, rows):
+    largest = abs(rows[0, column])
+    for r in range(1, len(rows)):
+        largest = select(abs(rows[r, column]) > largest, abs(rows[r, column]), largest)
+    return largest
+
+
+@inline
+def _closes(k, now, before):
+    """Return whether the move before the k-th has brought what was open below the half."""
+    if k == 0:
+        return now == now
+    return now < 0.5 * before
+
+
+@inline
+def _find_move(column, loops, scene, work, W):
+    for r in range(len(work.push)):
+        work.push[r] = work.rows[r, column]
+    solve_rows(work.matrix, IN_STEP, work.push)
+    scratch = work.responses, work.roots, work.factors
+    move_by(loops.part[0], scene.tree, work.push, scratch, W, work.move)
+
+
+@inline
+def _move_joints(n, at_work, move, x):
     for i in range(n):
-        v[i] += work.move[6 + i]
-    _speed_base(bv, work)
+        x[i] = select(at_work, x[i] + move[i], x[i])
 
 
 @inline
-def _pose(scene, bq, q, ball_q, work, W):
-    """Find the poses of all bodies, at rest and without gravity."""
-    n = len(scene.tree) - 1
-    still = slice_if(scene.floating, work.still, n, 6)
-    motion_pass(scene.tree, None, work.still, Motion(bq, still, None, q, work.still[:n], None, ball_q), W)
+def _move_balls(ball_q, scene, at_work, work):
+    if ball_q is not None:
+        moved = work.moved[7:]
+        move_balls(scene.balls, None, ball_q, work.move, 1.0, moved)
+        for k in range(len(ball_q)):
+            ball_q[k] = select(at_work, moved[k], ball_q[k])
 
 
 @inline
-def _respond(loops, scene, bq, work, W):
-    """Fill the move M^-1 J' f with J M^-1 J' f = -BIAS of the rows, at rest and without forces."""
-    n, still = len(scene.tree) - 1, work.still
-    articulated_pass(scene.tree, None, bq, None, still, scene.armature, None, None, W)
-    constrain(scene.coupling, None, bq, None, scene.tree, W)
-    scratch = work.responses, work.roots, work.matrix
-    close(scene, loops.part[0], None, loops.table, IN_STEP, W, work.rows, scratch, work.force)
-    acceleration_pass(scene.tree, None, W, work.move[6 : 6 + n])
-    base_acceleration(0, slice_if(scene.floating, work.move, 0, 6), W)
-
-
-@inline
-def _move_base(bq, work):
+def _move_base(bq, at_work, work, W):
     if bq is not None:
-        move_base(bq, work.move, 1.0, bq)
+        n = len(work.move) - 6
+        base_acceleration(0, work.move[n:], W)
+        move_base(bq, work.move[n:], 1.0, work.moved)
+        for k in range(7):
+            bq[k] = select(at_work, work.moved[k], bq[k])
 
 
 @inline
-def _speed_base(bv, work):
+def _speed_base(bv, at_work, work, W):
     if bv is not None:
-        for k in range(6):
-            bv[k] += work.move[k]
+        n = len(work.move) - 6
+        base_acceleration(0, work.move[n:], W)
+        _move_joints(6, at_work, work.move[n:], bv)

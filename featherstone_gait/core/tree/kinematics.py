@@ -29,10 +29,13 @@ def motion_pass(tree, part, gravity, motion, W):
 
 @kernel
 def pose_pass(tree, part, base_q, ball_q, q, W):
-    """Fill R and P of every row of a tree that floats."""
+    """Fill R and P of every row of a tree."""
     root, end = rows_of(part, tree)
     store3(W, root, P, (0.0, 0.0, 0.0))
-    store9(W, root, R, quaternion_matrix(base_q))
+    if base_q is None:
+        store9(W, root, R, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
+    else:
+        store9(W, root, R, quaternion_matrix(base_q))
     for i in range(root + 1, end):
         joint_pose(ball_q, tree[i], i, q[tree[i].dof], W)
 

@@ -15,9 +15,10 @@ depend on each other is no exception.
 from ..compile.jit import inline, kernel
 from ..compile.lanes import select, sqrt
 from ..compile.structure import record
+from .coupling import DA
 from .forest import rows_of
-from .joint import along
-from .layout import DINV, A, P, R, V
+from .joint import accelerate, along
+from .layout import DINV, A, P, R, U, V
 from .rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, product
 from .spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub
 
@@ -61,33 +62,41 @@ def fill_loops(loop, gravity, base_q, W, rows):
     """
     for c in range(len(loop)):
         k = loop[c]
-        Ra, xa = _place(base_q, k.a, k.Ea, k.pa, W)
-        Rb, xb = _place(base_q, k.b, k.Eb, k.pb, W)
-        turning, moving = _relative(k, gravity, xa, xb, W)
+        xa, xb = _point(base_q, k.a, k.pa, W), _point(base_q, k.b, k.pb, W)
         if k.kind == DISTANCE:
-            _fill_rod(k, xa, xb, moving, rows)
+            _fill_rod(k, xa, xb, _moving(k, gravity, xa, xb, W), rows)
         else:
+            turning, moving = _relative(k, gravity, xa, xb, W)
             _fill_three(k.first, xa, xb, sub(xa, xb), moving, rows)
             if k.kind == WELD:
-                _fill_three(k.first + 3, xa, xb, _turn(Ra, Rb), turning, rows)
+                _fill_three(k.first + 3, xa, xb, _turn(_axes(k.a, k.Ea, W), _axes(k.b, k.Eb, W)), turning, rows)
             elif k.kind == HINGE:
+                Ra, Rb = _axes(k.a, k.Ea, W), _axes(k.b, k.Eb, W)
                 _fill_axis(k.first + 3, (Ra[0], Ra[3], Ra[6]), k, Rb, xa, xb, turning, W, rows)
                 _fill_axis(k.first + 4, (Ra[1], Ra[4], Ra[7]), k, Rb, xa, xb, turning, W, rows)
 
 
 @inline
-def _place(base_q, i, E, r, W):
-    """Return rotation (9) and origin (3) of the frame (E, r) of body i, common frame."""
+def _axes(i, E, W):
+    """Return the rotation (9) of the frame E of body i, common frame."""
     zero = 0.0 * W[0, P]
     turn = (E[0] + zero, E[1] + zero, E[2] + zero, E[3] + zero, E[4] + zero, E[5] + zero, E[6] + zero, E[7] + zero,
             E[8] + zero)  # fmt: skip
+    if i >= 0:
+        turn = compose(load9(W, i, R), turn)
+    return turn
+
+
+@inline
+def _point(base_q, i, r, W):
+    """Return the point r of body i, common frame."""
+    zero = 0.0 * W[0, P]
     at = (r[0] + zero, r[1] + zero, r[2] + zero)
     if i >= 0:
-        Ri = load9(W, i, R)
-        turn, at = compose(Ri, turn), add(load3(W, i, P), rotate(Ri, at))
+        at = add(load3(W, i, P), rotate(load9(W, i, R), at))
     elif base_q is not None:
         at = sub(at, (base_q[0], base_q[1], base_q[2]))
-    return turn, at
+    return at
 
 
 @inline
@@ -96,6 +105,13 @@ def _relative(k, gravity, xa, xb, W):
     wa, va, alpha_a, aa = _motion(k.a, gravity, xa, W)
     wb, vb, alpha_b, ab = _motion(k.b, gravity, xb, W)
     return (sub(wa, wb), sub(alpha_a, alpha_b)), (sub(va, vb), sub(aa, ab))
+
+
+@inline
+def _moving(k, gravity, xa, xb, W):
+    """Return velocity and acceleration of the point of a against that of b."""
+    _, moving = _relative(k, gravity, xa, xb, W)
+    return moving
 
 
 @inline
@@ -259,7 +275,8 @@ def close(robot, part, contact, loop, softness, W, rows, scratch, force):
         for s in range(r + 1):
             L[r, s] = product(part, tree, r, 0, s, 0, W, responses, roots)
         force[r] = acceleration_along(part, tree, r, 0, W, responses, roots) + rows[r, BIAS]
-    solve_rows(L, _most(part, tree, rows, W), softness, force)
+    factor_rows(L, _most(part, tree, rows, W), softness)
+    solve_rows(L, softness, force)
     for r in range(m):
         apply_row(part, tree, r, 0, force[r], W, responses, roots)
 
@@ -281,23 +298,30 @@ def _most(part, tree, rows, W):
     return most
 
 
-@kernel
-def solve_rows(L, most, softness, x):
-    """Solve L f = -x, of the lower triangle of L (m, m + 2), by the proximal iteration; f replaces x.
+@inline
+def factor_rows(L, most, softness):
+    """Factor the lower triangle of L (m, m + 2), scaled to a unit diagonal, with the compliance; column m: the scale.
 
     most: what a row could have on the diagonal at most; one that has nothing of it does nothing.
     """
-    m, (compliance, rounds) = len(x), softness
-    for r in range(m):  # columns m and m + 1: the scale, and the scaled right-hand side
+    m, (compliance, _) = len(L), softness
+    for r in range(m):
         movable = L[r, r] > IMMOVABLE * most
         L[r, m] = select(movable, 1.0 / sqrt(select(movable, L[r, r], 1.0)), 0.0)
-        L[r, m + 1] = -x[r] * L[r, m]
-        x[r] = 0.0
     for r in range(m):
         for s in range(r + 1):
             L[r, s] = L[r, s] * L[r, m] * L[s, m]
         L[r, r] = L[r, r] + compliance
     _factor(L, m)
+
+
+@kernel
+def solve_rows(L, softness, x):
+    """Solve L f = -x by the proximal iteration in the factors of `factor_rows`; f replaces x."""
+    m, (compliance, rounds) = len(x), softness
+    for r in range(m):
+        L[r, m + 1] = -x[r] * L[r, m]  # the scaled right-hand side
+        x[r] = 0.0
     for _ in range(rounds):
         for r in range(m):
             x[r] = L[r, m + 1] + compliance * x[r]
@@ -331,3 +355,38 @@ def _substitute(L, m, x):
         for k in range(r + 1, m):
             x[r] = x[r] - L[k, r] * x[k]
         x[r] = x[r] * L[r, r]
+
+
+# ------------------------------------------------------------------------------------------------- moves
+
+
+@inline
+def keep_factors(part, tree, W, factors):
+    """Copy the columns U of the bodies, which `acceleration_pass` overwrites, to factors (bodies, 6)."""
+    root, end = rows_of(part, tree)
+    for i in range(root + 1, end):
+        for k in range(6):
+            factors[i - root, k] = W[i, U + k]
+
+
+@kernel
+def move_by(part, tree, force, scratch, W, out):
+    """Fill out (n,) with the move M^-1 J' f of the joints, of `force` (m,) and the factors that `close` has used.
+
+    The move of the base is left in the columns U of the root, as `acceleration_pass` leaves an acceleration;
+    scratch: responses and roots of `close`, and the factors that `keep_factors` has kept.
+    """
+    (responses, roots, factors), (root, end), m = scratch, rows_of(part, tree), len(force)
+    for k in range(6):
+        total = 0.0 * W[root, P]
+        for r in range(m):
+            total = total + force[r] * roots[r, 0, DA + k]
+        W[root, U + k] = total
+    for i in range(root + 1, end):
+        b, u = tree[i], 0.0 * W[i, P]
+        for r in range(m):
+            u = u + force[r] * responses[r, 0, i - root]
+        dn, df = load3(W, b.parent, U), load3(W, b.parent, U + 3)
+        a = (u - (dot(load3(factors, i - root, 0), dn) + dot(load3(factors, i - root, 3), df))) * W[i, DINV]
+        out[b.dof] = a
+        accelerate(b, i, dn, df, a, W)
