@@ -115,4 +115,4 @@ def _workspace(sizes: Sizes, zeros: Any) -> SimTwo:
     return SimTwo(scratch(sizes, zeros), zeros(sizes.n))
 
 
-INTEGRATORS["simtwo"] = SIMTWO = Integrator("simtwo", 1, _workspace, drives=(RigidServo, MipsdServo))
+INTEGRATORS["simtwo"] = SIMTWO = Integrator("simtwo", 1, _workspace, drives=(RigidServo, MipsdServo), closes=False)

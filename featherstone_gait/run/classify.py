@@ -63,6 +63,8 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
             member.name: share | _names(member.model)
             for member, share in zip(scene.members, shares(scene.members).values())
         }
+    if scene.model.loops:
+        info["loops"] = [loop.name for loop in scene.model.loops]
     if scene.pairs:
         info["pairs"] = [list(pair) for pair in scene.pairs]  # of each row, which the channel `pair` counts from 1
     if scene.adaptive:

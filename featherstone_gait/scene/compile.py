@@ -365,20 +365,7 @@ def compile_scene(
     return _compile_members(model, options)
 
 
-CLOSING = "rk4"  # the integrator that keeps loops closed
 OPEN = "simulate the open tree with dataclasses.replace(model, loops=())"
-
-
-def _with_loops(model: Model, options: SceneOptions) -> SceneOptions:
-    """Return the options with the integrator that keeps loops closed; raise ValueError for another one."""
-    if not model.loops:
-        return options
-    if options.integrator not in (None, CLOSING):
-        raise ValueError(
-            f"{model.name}: integrator {options.integrator!r} does not keep loops "
-            f"{quoted([loop.name for loop in model.loops])} closed; use {CLOSING!r}, or {OPEN}"
-        )
-    return options._replace(integrator=CLOSING)
 
 
 def _check_no_loops(models: Iterable[Model]) -> None:
@@ -393,12 +380,15 @@ def _check_no_loops(models: Iterable[Model]) -> None:
 
 def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     """Compile one model."""
-    options, ground = _with_loops(model, check_options(model, given)), given.ground
+    options, ground = check_options(model, given), given.ground
     tree, drive, g = compile_tree(model), build_drive(model, options.gearbox), np.asarray(options.gravity)
     contact, ties = build_contact(model, tree, ground, g), build_springs(tree, options.springs)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
     check = preflight(model, drive, friction, joint_springs, ties, options)
-    method, h = _method(check.integrator, drive, friction), check.timestep
+    if model.loops:
+        names = quoted([loop.name for loop in model.loops])
+        check = check._replace(reason=f"{check.reason}; loops {names} are closed after each step")
+    method, h = _method(check.integrator, model, drive, friction), check.timestep
     period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
     ticks = round(period / h)
     fold_springs(drive, method, h, check.inertias)
@@ -546,9 +536,15 @@ def _check_ticks(members: Sequence[Member]) -> None:
         raise ValueError(f"scene: controllers differ in period and lag: {each}; give them the same")
 
 
-def _method(name: str, drive: Drive, friction: Friction | None) -> Integrator:
-    """Look up an integrator; raise ValueError if it does not suit the servos or their friction."""
+def _method(name: str, model: Model, drive: Drive, friction: Friction | None) -> Integrator:
+    """Look up an integrator; raise ValueError if it does not suit the loops, the servos or their friction."""
     method = INTEGRATORS[name]
+    if model.loops and not method.closes:
+        others = quoted([one.name for one in INTEGRATORS.values() if one.closes])
+        raise ValueError(
+            f"{model.name}: integrator {name!r} does not keep loops {quoted([loop.name for loop in model.loops])} "
+            f"closed; use one of {others}, or {OPEN}"
+        )
     if method.drives and not isinstance(drive.actuator, method.drives):
         raise ValueError(f"{name} is the update order of sampled servos; use implicit_euler for other scenes")
     if method.drives and isinstance(friction, GearFriction):

@@ -15,12 +15,14 @@ from featherstone_gait import (
     Ground,
     Joint,
     Link,
+    Loop,
     Model,
     PairContact,
     Placed,
     Sphere,
     Worlds,
     body,
+    close_loops,
     compile_scene,
     initial_state,
     load_robot,
@@ -80,3 +82,21 @@ def test_a_pendulum_on_ball_joints():
     scene = compile_scene(model, None, None, "midpoint", 1e-3)
     start = initial_state(scene, np.linspace(0.1, 0.8, 8), np.linspace(-3.0, 3.0, 6))
     assert digest(simulate(scene, 0.02, start, **ALONE)) == "73a17e5cb82de36a"
+
+
+@pytest.mark.bounds
+@pytest.mark.nojit
+def test_a_pendulum_whose_rod_closes_a_loop():
+    """A step moves the quaternion and the hinge, and closes the loop anew."""
+    inertia = (0.01, 0.002, 0.001, 0.03, 0.0005, 0.02)
+    upper, lower = Link("upper", 1.0, (0.02, 0.01, -0.2), inertia), Link("lower", 0.5, (0.0, 0.02, -0.1), inertia)
+    elbow = Joint("elbow", "continuous", "upper", "lower", (0.0, 0.0, -0.4), axis=(0.0, 1.0, 0.0))
+    rod = Loop("rod", "distance", "lower", "frame", (0.0, 0.0, -0.3), (0.3, 0.1, -0.6), distance=0.35)
+    joints = Joint("ball", "ball", "frame", "upper"), elbow
+    model = Model("pendulum", (Link("frame"), upper, lower), joints, loops=(rod,))
+    start = close_loops(model, [1.0, 0.1, 0.2, 0.1, 0.3])
+    runs = []
+    for integrator in ("midpoint", "rk4"):
+        scene = compile_scene(model, None, None, integrator, 2e-3)
+        runs.append(simulate(scene, 0.02, initial_state(scene, start), **ALONE))
+    assert digest(*runs) == "3477331a82d0c6ac"

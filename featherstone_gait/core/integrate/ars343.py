@@ -29,6 +29,7 @@ from ..effects.energies import DRIVER, ENERGIES, METER, SUPPLY
 from ..effects.motor_stage import COLUMNS as MOTOR_COLUMNS
 from ..effects.motor_stage import MID_SPEED, NOW, USED, MotorStage, begin_stage, bend, missed
 from ..step.advance import step_trees
+from ..step.closure import project
 from ..step.context import Scratch, Step
 from ..step.pace import COLUMNS, EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, root, scaled
 from ..step.signals import inputs
@@ -153,13 +154,14 @@ def _stages(run, y, t, h):
             scene=scene, actuator=scene.actuator, decay=work.motors, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
             predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, h_implicit=d, theta=1.0, extrapolation_ratio=None,
             tolerance=NEWTON_SHARE * run.plan.rtol, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
-            pool=scratch.pool, part=None,
+            pool=scratch.pool, part=None, closing=scratch.closing,
         )  # fmt: skip
         step_trees(at)
         pace[EVALUATIONS] += 1.0
         _end_stage(scene.floating, run, y, d, k)
         if k == 2:
             _store_motors(work.motors, rotor_of(scene.actuator), offsets, y, MID_SPEED)
+    project(scene.loops, scene, offsets, scratch, y)
 
 
 @inline

@@ -17,6 +17,7 @@ from ..compile.structure import structure
 from ..effects.actuator import motor_of
 from ..effects.energies import ENERGIES, METER
 from ..effects.pair import flatten_bristles
+from ..step.closure import project
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.derivative import derivative
 from ..step.pace import EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
@@ -79,13 +80,14 @@ def _evaluate(first, last, run, y, t, h):
             if k == END:
                 unit_quaternions(scene.floating, scene.trees, offsets.base_q, y)
                 unit_balls(scene.balls, offsets.ball_q, y)
+                project(scene.loops, scene, offsets, scratch, y)
         inputs(u, min(t + NODES[k] * h, pace[UNTIL]))
         since, act = pace[SINCE], scene.actuator
         at = Step(
             scene=scene, actuator=act, decay=None, offsets=offsets, y=y, tau=u.tau, drive=u.drive, predicted=None,
             t=since, span=0.0, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
             tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
-            pool=scratch.pool, part=None,
+            pool=scratch.pool, part=None, closing=scratch.closing,
         )  # fmt: skip
         derivative(at, stages[k])
         pace[EVALUATIONS] += 1.0
@@ -125,7 +127,7 @@ def dop853(work, run, y, t, length):
     while True:
         h = in_time(min(pace[STEP], _longest(run.plan.second_run, pace)), length)
         _evaluate(1, END, run, y, t, h)
-        error = h * _error(run, start, y)
+        error = max(h * _error(run, start, y), _left_open(run.scene.loops, run, y))
         if error <= 1.0:
             pace[STEPS] += 1.0
             factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (0.125 - 0.2 * BETA))
@@ -141,6 +143,15 @@ def dop853(work, run, y, t, length):
             for i in range(n):
                 y[i] = start[i]
             return 0.0
+
+
+@if_present(0.0)
+def _left_open(loops, run, y):
+    """Return an infinite error of a step whose loops stay open, and do not count it."""
+    missed = run.offsets[0].newton_iterations + 1
+    error = 1e60 if y[missed] > 0.0 else 0.0
+    y[missed] = 0.0
+    return error
 
 
 @inline
@@ -175,6 +186,7 @@ def _record_within(work, run, y, interval, record, out):
     while record * plan.per_sample < end and time_of(plan, record * plan.per_sample) < t + h:
         at = time_of(plan, record * plan.per_sample)
         _interpolate(run, y, h, (at - t) / h)
+        _close(run.scene.loops, run, y, at)
         if derived:
             _evaluate(SPARE, SPARE, run, y, at, 0.0)
         follow(run.scene.coupling, offsets, y)
@@ -183,6 +195,13 @@ def _record_within(work, run, y, interval, record, out):
     for i in range(offsets.after_derived):
         y[i] = stages[STOP, i]
     return record
+
+
+@if_present()
+def _close(loops, run, y, t):
+    """Close loops between the ends of a step, in factors that are found there."""
+    _evaluate(SPARE, SPARE, run, y, t, 0.0)
+    project(loops, run.scene, run.offsets[0], run.work.scratch, y)
 
 
 @inline

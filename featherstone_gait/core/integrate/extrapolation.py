@@ -39,6 +39,7 @@ from ..effects.energies import ENERGIES, METER
 from ..effects.friction import stops_at_once
 from ..step.advance import advance_trees, solve_trees
 from ..step.branch import branches, branches_at_start
+from ..step.closure import factor_at, project
 from ..step.context import NEWTON_TOLERANCE, Step
 from ..step.derivative import derivative
 from ..step.pace import COLUMNS, EVALUATIONS, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
@@ -85,6 +86,7 @@ class Columns(NamedTuple):
     C: np.ndarray
     F: np.ndarray
     pool: tuple | None
+    closing: tuple | None
 
 
 @structure
@@ -126,6 +128,7 @@ def extrapolate(work, run, y, t, length):
             y[offsets.newton_iterations] = work.columns.y[offsets.newton_iterations, 0]  # those of the last column
             unit_quaternions(run.scene.floating, run.scene.trees, offsets.base_q, y)
             unit_balls(run.scene.balls, offsets.ball_q, y)
+            _close(run.scene.loops, run, y)
             _keep_features(run.scene.pairs, run, y)
             _first_slope(implicit, run, y, t + h)
             pace[STEPS] += 1.0
@@ -150,6 +153,19 @@ def extrapolate(work, run, y, t, length):
         if not pace[STEP] > run.plan.least_step:
             return 0.0
     return 0.0
+
+
+@if_present()
+def _close(loops, run, y):
+    """Close loops at the end of the step, in factors that are found there."""
+    columns, offsets = in_lanes(run.work.columns), run.offsets[0]
+    for i in range(offsets.step_control):
+        columns.y[i] = y[i]
+    factor_at(loops, run.scene, offsets, columns, columns.y)
+    project(loops, run.scene, offsets, columns, columns.y)
+    for i in range(offsets.after_coordinates):
+        y[i] = run.work.columns.y[i, 0]
+    y[offsets.newton_iterations + 1] = run.work.columns.y[offsets.newton_iterations + 1, 0]
 
 
 @if_present()
@@ -404,7 +420,7 @@ def _slope(run, columns, slope):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, pool=x.pool, part=None,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, pool=x.pool, part=None, closing=x.closing,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -416,7 +432,7 @@ def _euler(ended, run, columns):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, pool=x.pool, part=None,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, pool=x.pool, part=None, closing=x.closing,
     )  # fmt: skip
     if ended is None:
         solve_trees(scene.trees, scene.pairs, at)

@@ -9,6 +9,7 @@ from ..compile.lanes import select
 from ..compile.optional import only_if
 from ..compile.structure import structure
 from ..step.advance import step_trees
+from ..step.closure import project
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.signals import inputs_over_step
 from .integrator import Integrator, scratch, take_step, thetas
@@ -32,9 +33,10 @@ def implicit_step(work, run, y, t, theta):
         scene=scene, actuator=act, decay=decay, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
         predicted=work.predicted, t=t, span=h, h=h, h_implicit=theta * h, theta=theta,
         extrapolation_ratio=only_if(work.predicted, (1.0 - theta) / theta), tolerance=NEWTON_TOLERANCE,
-        W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, pool=scratch.pool, part=None,
+        W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, pool=scratch.pool, part=None, closing=scratch.closing,
     )  # fmt: skip
     step_trees(at)
+    project(scene.loops, scene, offsets, scratch, y)
 
 
 @inline

@@ -65,6 +65,7 @@ class Integrator(NamedTuple):
     soft: bool = False  # takes all forces explicitly: dry friction cannot be steep
     rings: bool = False  # alternates about the right mean after an impact
     drives: tuple[type, ...] = ()  # actuators that it applies by itself, viscous friction included; no others
+    closes: bool = True  # keeps loops closed
 
     @property
     def explicit(self) -> bool:
@@ -127,6 +128,7 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
         zeros((max(sizes.points, 1), CONTACT_SCRATCH)),
         zeros((sizes.bodies, 6)),
         pool_of(sizes, zeros),
+        closing_of(sizes, zeros),
     )
 
 

@@ -13,7 +13,7 @@ from ..step.derivative import derivative
 from ..step.signals import inputs_over_step
 from ..tree.ball import unit_balls
 from ..tree.kinematics import unit_quaternions
-from .integrator import Integrator, closing_of, scratch, take_step
+from .integrator import Integrator, scratch, take_step
 
 
 @structure
@@ -22,7 +22,6 @@ class RungeKutta4(NamedTuple):
 
     scratch: Scratch
     stages: np.ndarray  # (3, what is integrated): start, slope and weighted sum
-    closing: tuple | None  # Closing of loops
 
 
 @inline
@@ -33,7 +32,7 @@ def _evaluate(run, y, t, slope):
         scene=scene, actuator=act, decay=None, offsets=offsets, y=y, tau=u.tau, drive=u.drive, predicted=None,
         t=t, span=h, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
         tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, pool=scratch.pool, part=None,
-        closing=run.work.closing,
+        closing=scratch.closing,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -64,12 +63,12 @@ def rk4_step(work, run, y, t, theta):
         y[i] = start[i] + (h / 6.0) * total[i]
     unit_quaternions(run.scene.floating, run.scene.trees, run.offsets[0].base_q, y)
     unit_balls(run.scene.balls, run.offsets[0].ball_q, y)
-    project(run.scene.loops, run.scene, run.offsets[0], work.closing, work.scratch.W, y)
+    project(run.scene.loops, run.scene, run.offsets[0], work.scratch, y)
 
 
 def _workspace(sizes, zeros):
     stages = zeros((3, int(sizes.offsets["after_integrated"])))
-    return RungeKutta4(scratch(sizes, zeros), stages, closing_of(sizes, zeros))
+    return RungeKutta4(scratch(sizes, zeros), stages)
 
 
 RK4 = Integrator("rk4", 4, _workspace, stages=4, stability=1.39, soft=True)  # its stability interval is 2.785 / lambda

@@ -13,6 +13,7 @@ import numpy as np
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
 from ..compile.structure import structure
+from ..tree.aba import articulated_pass, constrain
 from ..tree.ball import ball_positions, move_balls
 from ..tree.forest import base_of
 from ..tree.kinematics import base_acceleration, motion_pass, move_base, pose_pass
@@ -49,22 +50,45 @@ class Closing(NamedTuple):
 
 
 @inline
+def place_loops(loops, base_q, step):
+    """Fill the rows of loops at the poses and velocities of W, and of the accelerations there; loops None: none."""
+    if loops is not None:
+        fill_loops(loops.table, step.scene.gravity, base_q, step.W, step.closing.rows)
+
+
+@inline
 def close_loops(loops, contact, step):
-    """Keep loops closed: call it between the two passes of the ABA; loops None: there are none."""
+    """Keep loops closed: call it between the two passes of the ABA, whose first had `contact`."""
     if loops is not None:
         scene, work = step.scene, step.closing
-        base_q = base_of(scene.floating, None, step.y, step.offsets.base_q, 7)
-        fill_loops(loops.table, scene.gravity, base_q, step.W, work.rows)
         scratch = work.responses, work.roots, work.matrix
         close(scene, loops.part[0], contact, loops.table, IN_STEP, step.W, work.rows, scratch, work.force)
         keep_factors(loops.part[0], scene.tree, step.W, work.factors)
 
 
+@kernel
+def factor_at(loops, scene, offsets, scratch, y):
+    """Fill the factors in which `project` moves, at the state y."""
+    n, work, W = len(scene.tree) - 1, scratch.closing, scratch.W
+    bq, bv = base_of(scene.floating, None, y, offsets.base_q, 7), base_of(scene.floating, None, y, offsets.base_qd, 6)
+    q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
+    ball_q = ball_positions(scene.balls, y, offsets.ball_q)
+    motion_pass(scene.tree, None, scene.gravity, Motion(bq, bv, None, q, v, None, ball_q), W)
+    for i in range(n):
+        work.move[i] = 0.0 * y[offsets.status]
+    articulated_pass(scene.tree, None, bq, None, work.move, scene.armature, None, None, W)
+    constrain(scene.coupling, None, bq, None, scene.tree, W)
+    fill_loops(loops.table, scene.gravity, bq, W, work.rows)
+    found = work.responses, work.roots, work.matrix
+    close(scene, loops.part[0], None, loops.table, IN_STEP, W, work.rows, found, work.push)
+    keep_factors(loops.part[0], scene.tree, W, work.factors)
+
+
 @inline
-def project(loops, scene, offsets, work, W, y):
-    """Close what a step has left open in y, in the factors of its last accelerations; work: Closing."""
+def project(loops, scene, offsets, scratch, y):
+    """Close what a step has left open in y, in the factors of its last accelerations."""
     if loops is not None:
-        _project(loops, scene, offsets, work, W, y)
+        _project(loops, scene, offsets, scratch.closing, scratch.W, y)
 
 
 @kernel

@@ -78,6 +78,7 @@ class Scratch(NamedTuple):
     C: np.ndarray  # contact points: see effects/contact.py
     F: np.ndarray  # pushes and springs (bodies, 6)
     pool: tuple | None  # Pool of pairs: see effects/pair.py
+    closing: tuple | None  # Closing of loops: see closure.py
 
 
 @structure
@@ -124,7 +125,7 @@ class Step(NamedTuple):
     F: np.ndarray
     pool: tuple | None
     part: np.record | None  # TREE of the one of several trees that takes the step
-    closing: tuple | None = None  # Closing, of integrators that keep loops closed: see closure.py
+    closing: tuple | None = None
 
 
 @inline

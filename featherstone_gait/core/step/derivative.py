@@ -21,7 +21,7 @@ from ..tree.ball import ball_positions, ball_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
-from .closure import close_loops
+from .closure import close_loops, place_loops
 from .context import of_tree
 from .newton import CJ, DIAGONAL, TAU, articulate, external_forces
 
@@ -76,6 +76,7 @@ def _rates(contact, step, dy):
     v, a = y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
     external_forces(scene.push, scene.springs, scene.lifts, step)
     articulate(_armature(scene.friction, step), contact, step)
+    place_loops(scene.loops, bq, step)
     close_loops(scene.loops, contact, step)
     acceleration_pass(scene.tree, part, step.W, a)
     _friction_of_acceleration(scene.friction, step, dy)

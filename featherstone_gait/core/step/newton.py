@@ -19,8 +19,9 @@ v_p is the velocity for which the bias is taken: that of the start (Euler), or e
 acceleration (midpoint), which makes the step second order with one evaluation.  Springs between bodies are taken at
 that state like the bias, outside the fold: the step is then limited as an explicit one is.
 
-Joints that follow others confine v to a subspace, in which the function is as convex.  Each pass ends in it, so that
-forces of couplings do no work along a pass: neither its slope nor what is compared knows them.
+Joints that follow others confine v to a subspace, and loops to one beside it (J v is given), in which the function is
+as convex.  Each pass ends in it, so that forces of couplings and loops do no work along a pass: neither its slope nor
+what is compared knows them.
 """
 
 from ..compile.by_type import overridable
@@ -50,6 +51,7 @@ from ..tree.ball import ball_positions, last_balls, move_balls
 from ..tree.forest import base_count, base_index, base_of, joint_count, joints_of
 from ..tree.kinematics import motion_pass, move_base
 from ..tree.layout import Motion
+from .closure import close_loops, place_loops
 
 MAX_PASSES = 40
 BISECTIONS = 16
@@ -176,6 +178,7 @@ def predict(predicted, rotor, step):
         move_balls(scene.balls, part, y[offsets.ball_q :], predicted[n : 2 * n], step.h_implicit, ball_q)
         motion = Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a, ball_q)
         motion_pass(scene.tree, part, scene.gravity, motion, step.W)
+    place_loops(scene.loops, bq, step)
     for i in range(first, end):
         Z[VK, i] = Z[VP, i]
         if rotor is not None:
@@ -290,6 +293,7 @@ def _solve_free(armature, predicted, step):
 def accelerations(diagonal, contact, step, qdd):
     """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
     articulate(diagonal, contact, step)
+    close_loops(step.scene.loops, contact, step)
     acceleration_pass(step.scene.tree, step.part, step.W, qdd)
 
 

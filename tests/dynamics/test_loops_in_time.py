@@ -1,0 +1,226 @@
+"""Loops in time: orders of integrators, tolerances, energy, momentum, lanes."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from test_loops import (
+    ROD,
+    bricard,
+    bricard_angles,
+    closed_rates,
+    four_bar,
+    four_bar_angles,
+    one_freedom,
+    piston_place,
+    rod_angle,
+    slider_crank,
+    slider_crank_height,
+    slider_crank_inertia,
+)
+
+from featherstone_gait import (
+    Ground,
+    Loop,
+    Reference,
+    close_loops,
+    compile_scene,
+    energy,
+    forward_kinematics,
+    initial_state,
+    load_robot,
+    loop_gaps,
+    loop_jacobian,
+    momentum,
+    simulate,
+    simulate_batch,
+)
+from featherstone_gait.model.numpy_dynamics import with_quaternions
+from featherstone_gait.robot_file.servos import with_servo
+
+
+def at_crank(angle):
+    """Closed positions of the slider-crank."""
+    return np.array([angle, rod_angle(angle), piston_place(angle)])
+
+
+@pytest.fixture(scope="module")
+def swung():
+    """The crank's angle after a second from rest, by its one equation of motion."""
+
+    def rates(_, x):
+        return [x[1], one_freedom(slider_crank_inertia, slider_crank_height, x[0], x[1], 0.0)]
+
+    return solve_ivp(rates, (0.0, 1.0), [0.3, 0.0], method="DOP853", rtol=1e-12, atol=1e-13).y[0, -1]
+
+
+def swing(integrator, **options):
+    """Let the crank go, and return the run; its loop is closed in all records."""
+    model, (numbers, how) = slider_crank(), ({}, {})
+    for name, value in options.items():
+        (how if name == "rtol" else numbers)[name] = value
+    scene = compile_scene(model, integrator=integrator, **numbers)
+    recorded = {"record": ("q", "qd"), "record_interval": 0.04, "estimate_error": False}
+    run = simulate(scene, 1.0, initial_state(scene, at_crank(0.3)), **recorded, **how)
+    assert run.status == "ok"
+    J = loop_jacobian(model, run["q"])
+    assert np.abs(loop_gaps(model, run["q"])).max() < 1e-12
+    assert np.abs(np.einsum("nij,nj->ni", J, run["qd"])).max() < 1e-11
+    if integrator not in ("implicit_euler", "midpoint"):  # these may leave what one more move would take away
+        assert np.abs(loop_gaps(model, run["q"])).max() < 1e-14
+    return run
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("integrator", "order", "step", "most"), [("implicit_euler", 1, 4e-3, 2e-3),
+                         ("midpoint", 2, 4e-3, 1e-5), ("rk4", 4, 8e-3, 1e-8)])  # fmt: skip
+def test_a_slider_crank_runs_to_the_order_of_the_integrator(swung, integrator, order, step, most):
+    errors = [abs(swing(integrator, timestep=h)["q"][-1, 0] - swung) for h in (step, step / 2, step / 4)]
+    assert errors[2] < most
+    for coarse, fine in itertools.pairwise(errors):
+        assert 0.75 * 2**order < coarse / fine < 1.4 * 2**order
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["dop853", "ars343", "extrapolation"])
+def test_the_tolerance_orders_the_error_of_a_slider_crank(swung, integrator):
+    errors = [abs(swing(integrator, rtol=rtol)["q"][-1, 0] - swung) for rtol in (1e-4, 1e-6)]
+    assert errors[0] < 3e-5
+    assert errors[1] < 1e-8
+    if integrator != "extrapolation":  # whose steps end on records: its error is rounding
+        assert errors[1] < 0.05 * errors[0]
+
+
+@pytest.mark.long
+def test_loops_stay_closed_and_keep_their_energy_over_ten_minutes():
+    model, lost = slider_crank(), []
+    scene = compile_scene(model)
+    assert scene.integrator == "dop853"
+    for rtol in (1e-7, 1e-10):
+        recorded = {"record": ("q", "qd"), "record_interval": 0.1, "estimate_error": False}
+        run = simulate(scene, 600.0, initial_state(scene, at_crank(0.3)), rtol=rtol, **recorded)
+        assert run.status == "ok"
+        assert np.abs(loop_gaps(model, run["q"])).max() < 1e-14
+        measured = energy(model, run["q"], run["qd"])
+        lost.append(np.ptp(measured.total) / measured.kinetic.max())
+    assert lost[0] < 1e-5
+    assert lost[1] < 1e-8
+
+
+@pytest.mark.parametrize(("gearbox", "integrator"), [(None, "dop853"), ("mipsd", "ars343")])
+def test_the_integrator_is_chosen_as_without_loops_and_says_why(gearbox, integrator):
+    scene = compile_scene(servo_four_bar(), gearbox)
+    assert scene.integrator == integrator
+    assert scene.preflight.reason.endswith("; loops 'pin' are closed after each step")
+    opened = compile_scene(replace(scene.model, loops=()), gearbox)
+    assert (opened.integrator, opened.timestep) == (scene.integrator, scene.timestep)
+    run = simulate(scene, 0.01, initial_state(scene, four_bar_angles(1.0)), estimate_error=False)
+    assert run.info["loops"] == ["pin"]
+    assert run.info["reason"] == scene.preflight.reason
+
+
+def servo_four_bar():
+    """The four-bar, with a servo on its crank."""
+    model = four_bar()
+    limits = {"type": "revolute", "lower": -9.0, "upper": 9.0}
+    driven = with_servo(replace(model, joints=tuple(replace(joint, **limits) for joint in model.joints)), "ax12")
+    return replace(driven, servos={"crank": driven.servos["crank"]})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("gearbox", ["standard", "mipsd"])
+def test_a_servo_moves_a_four_bar_to_the_order_of_the_implicit_step(gearbox):
+    model, q = servo_four_bar(), four_bar_angles(1.0)
+    reference = Reference([0.0, 0.5], np.stack([q, np.add(q, (0.4, 0.0, 0.0))]))
+
+    def end(integrator, h=None, rtol=None):
+        scene = compile_scene(model, gearbox, None, integrator, h, (0.0, 0.0, -1.0))
+        run = simulate(scene, 0.5, initial_state(scene, q), reference, record=("q",), rtol=rtol, estimate_error=False)
+        assert run.status == "ok"
+        assert np.abs(loop_gaps(model, run["q"])).max() < 1e-12
+        return run["q"][-1, 0]
+
+    exact = end("extrapolation", rtol=1e-10)
+    assert exact > q[0] + 0.3
+    for integrator, order, most in (("implicit_euler", 1, 1e-4), ("midpoint", 2, 2e-6)):
+        errors = [abs(end(integrator, h) - exact) for h in (1e-3, 5e-4)]
+        assert errors[0] < most
+        assert errors[0] / errors[1] == pytest.approx(2**order, rel=0.1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "ars343"])
+def test_a_rod_between_the_shanks_of_a_standing_humanoid(integrator):
+    """Servos, ground and loop act at once: servos spread the legs, which the rod holds together."""
+    model = load_robot("humanoid", locked="simplified")
+    alone = compile_scene(model, "mipsd", slippery := Ground(friction=0.02))
+    stand = alone.state_view(initial_state(alone))
+    q, places = np.concatenate([stand.base_q, stand.q]), forward_kinematics(model, np.r_[stand.base_q, stand.q])
+    ends = [places.position[model.link_index(f"{side}_shank")] for side in ("left", "right")]
+    rod = Loop("rod", "distance", "left_shank", "right_shank", distance=float(np.linalg.norm(ends[0] - ends[1])))
+    spread = {"left_hip_lateral": 0.1, "right_hip_lateral": -0.1}
+    goal = stand.q + [spread.get(name, 0.0) for name in model.joint_names]
+    reference, opened = Reference([0.0, 0.2], np.array([stand.q, goal])), {}
+    tied = replace(model, loops=(rod,))
+    for name, one in (("free", model), ("tied", tied)):
+        scene = compile_scene(one, "mipsd", slippery, integrator, 1e-3)
+        run = simulate(scene, 0.4, initial_state(scene, q), reference, record=("base_q", "q"), estimate_error=False)
+        assert run.status == "ok"
+        opened[name] = np.abs(loop_gaps(tied, np.hstack([run["base_q"], run["q"]]))).max()
+        angles = dict(zip(model.joint_names, run["q"][-1]))
+        assert angles["left_hip_lateral"] == pytest.approx(-angles["right_hip_lateral"], abs=1e-9)
+    assert opened["free"] > 5e-3
+    assert opened["tied"] < 1e-12
+
+
+@pytest.mark.long
+def test_bricards_loop_keeps_its_energy_and_stays_closed():
+    model = bricard()
+    q = close_loops(model, bricard_angles(0.5) + 0.05)
+    lost = []
+    for h in (2e-3, 1e-3):
+        scene = compile_scene(model, integrator="rk4", timestep=h)
+        recorded = {"record": ("q", "qd"), "record_interval": 0.05, "estimate_error": False}
+        run = simulate(scene, 5.0, initial_state(scene, q), **recorded)
+        assert run.status == "ok"
+        assert np.abs(loop_gaps(model, run["q"])).max() < 1e-13
+        lost.append(np.ptp(energy(model, run["q"], run["qd"]).total))
+    assert lost[1] < 1e-3  # of 20 J that move
+    assert lost[0] / lost[1] > 10.0
+
+
+@pytest.mark.long
+def test_a_floating_robot_with_rods_keeps_its_momentum(tmp_path):
+    path = tmp_path / "ankle.xml"
+    path.write_text(ROD)
+    model = load_robot(path)
+    start = np.zeros(model.nq)
+    start[[3, model.nq - 8, model.nq - 4]] = 1.0
+    q = close_loops(model, start + 0.05 * np.sin(np.arange(model.nq)))
+    qd = 0.3 * closed_rates(model, q, 3)
+    scene = compile_scene(model, integrator="rk4", timestep=1e-3, gravity=(0.0, 0.0, 0.0))
+    run = simulate(scene, 1.0, initial_state(scene, q, qd), record=("base_q", "q", "base_qd", "qd", "ball_q"),
+                   record_interval=0.1)  # fmt: skip
+    assert run.status == "ok"
+    ends = [scene.state_view(y) for y in (initial_state(scene, q, qd), run.final)]
+    found = []
+    for view in ends:
+        at = np.concatenate([view.base_q, with_quaternions(model, view.q, view.ball_q.ravel())])
+        rates = np.concatenate([view.base_qd, view.qd])
+        assert np.abs(loop_gaps(model, at)).max() < 1e-12
+        assert np.abs(loop_jacobian(model, at) @ rates).max() < 1e-11
+        found.append((energy(model, at, rates, gravity=np.zeros(3)).kinetic, *momentum(model, at, rates)))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
+def test_loops_run_to_the_same_bits_in_lanes(integrator):
+    scene = compile_scene(slider_crank(), integrator=integrator, timestep=2e-3)
+    starts = np.stack([initial_state(scene, at_crank(x)) for x in np.linspace(0.2, 1.0, 9)])
+    together = simulate_batch(scene, 0.2, starts, record=("q",), estimate_error=False)
+    for start, run in zip(starts, together, strict=True):
+        alone = simulate(scene, 0.2, start, record=("q",), estimate_error=False)
+        assert alone.final.tobytes() == run.final.tobytes()
