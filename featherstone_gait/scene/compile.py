@@ -593,5 +593,6 @@ def _places(tree: Tree, constants: Scene) -> np.recarray:
             "slot": 0 if pairs is None else int(pairs.slots[0]),
             "turning": 0 if pairs is None or pairs.turning is None else int(pairs.slots[0]),
             "pairs": int(pairs is not None),
+            "row": 0 if constants.loops is None else int(constants.loops.rows[0]),
         }
     )

@@ -64,6 +64,8 @@ def close_loops(loops, contact, step):
         scratch = work.responses, work.roots, work.matrix
         close(scene, loops.part[0], contact, loops.table, IN_STEP, step.W, work.rows, scratch, work.force)
         keep_factors(loops.part[0], scene.tree, step.W, work.factors)
+        for r in range(len(work.force)):
+            step.y[step.offsets.loop_force + r] = work.force[r]
 
 
 @kernel
