@@ -166,7 +166,7 @@ def in_pinocchio(model: Model) -> Any:
 
 
 def loops_in_pinocchio(m: Any, model: Model) -> Any:
-    """Return the loops `connect` and `hinge` as rigid constraints of Pinocchio; a hinge holds two points of its axis."""
+    """Return loops `connect` and `hinge` as rigid constraints of Pinocchio; a hinge holds two points of its axis."""
     found = pin.StdVec_RigidConstraintModel()
     baumgarte = pin.BaumgarteCorrectorParameters(STIFFNESS, 2.0 * math.sqrt(STIFFNESS))
     for loop in model.loops:
@@ -174,9 +174,9 @@ def loops_in_pinocchio(m: Any, model: Model) -> Any:
         for k in range(2 if loop.kind == "hinge" else 1):
             ends = []
             for link, point, turn in zip((loop.a, loop.b), (loop.point_a, loop.point_b), turns):
-                frame = m.frames[m.getFrameId(link, pin.BODY)] if link else pin.Frame("", 0, 0, pin.SE3.Identity(), pin.OP_FRAME)
-                at = np.add(point, turn @ np.multiply(k, loop.axis))
-                ends += [frame.parentJoint, frame.placement * pin.SE3(np.eye(3), at)]
+                at = pin.SE3(np.eye(3), np.add(point, turn @ np.multiply(k, loop.axis)))
+                frame = m.frames[m.getFrameId(link, pin.BODY) if link else 0]
+                ends += [frame.parentJoint, frame.placement * at]
             held = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, m, *ends)
             held.setBaumgarteCorrectorParameters(baumgarte)
             found.append(held)

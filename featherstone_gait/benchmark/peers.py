@@ -8,9 +8,10 @@ this one it may be faster.
 Trajectories: the three scenes of the arm and the closed loops in `benchmark precision`, errors at the end of the run,
 from the same reference.  MuJoCo makes all steps in one call of `mj_step`, without contact and limits.  Its servo is a
 position actuator (clamped torque), the same with the damping at the joint (not clamped), or a DC motor.  SciPy's
-solvers call Pinocchio's `aba`, and `constraintDynamics` where loops are closed, which lets them drift.  MuJoCo's loops
-are soft; those of the squeezer would need its spring, which URDF does not know.  The cost at an error is interpolated between neighboring settings of one method on logarithmic
-scales, but not across a jump of more than a factor 1000, where a step becomes stable.
+solvers call Pinocchio's `aba`, and `constraintDynamics` with Baumgarte's correction where loops are closed.  MuJoCo's
+loops are soft; the squeezer is left out, for URDF does not know its spring.  The cost at an error is interpolated
+between neighboring settings of one method on logarithmic scales, but not across a jump of more than a factor 1000,
+where a step becomes stable.
 
 Humanoid: it stands, and walks a stride of a planned walk, with ten joints.  MuJoCo has position servos of the same
 stiffness, damping and reflected inertia, but no gearbox spring, current and energy meter.  The robots walk
@@ -280,7 +281,8 @@ def mujoco_methods(problem: Case) -> dict[str, Method]:
         for name, integrator in integrators("Euler", "implicitfast", "implicit", "RK4", "discrete"):
             if servo != "joint damping" or name == "Euler":
                 label = f"MuJoCo {name}" + ("" if servo == "free" else f", {servo}")
-                methods[label] = (STEPS[: FINEST_OF_LOOPS if problem.model.loops else None], _mujoco_solver(m, integrator, problem))
+                steps = STEPS[: FINEST_OF_LOOPS if problem.model.loops else None]
+                methods[label] = (steps, _mujoco_solver(m, integrator, problem))
     return methods
 
 
@@ -361,7 +363,7 @@ def scipy_methods(problem: Case) -> dict[str, Method]:
             raise ArithmeticError
         return answer.y[places, -1], spent
 
-    names = ("Radau", "LSODA") if problem.scene.gearbox == "standard" else ("Radau", "DOP853", "LSODA")
+    names: tuple[str, ...] = ("Radau", "LSODA") if problem.scene.gearbox == "standard" else ("Radau", "DOP853", "LSODA")
     names = ("DOP853",) if loops else names  # Radau's Jacobian by differences takes minutes there
     tolerances = {"Radau": TOLERANCES[:8], "DOP853": TOLERANCES[: 7 if loops else None]}
     return {f"SciPy {name}": (tolerances.get(name, TOLERANCES), functools.partial(solve, name)) for name in names}
