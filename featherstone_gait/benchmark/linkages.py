@@ -16,9 +16,11 @@ import numpy as np
 
 from ..model import Joint, Link, Loop, Model, Spring
 from ..scene.compile import compile_scene
-from .case import Case, case_of
+from .case import Case, case_of, settings
 
 UP, DOWN = (0.0, 0.0, 1.0), (0.0, -9.81, 0.0)  # axes of planar hinges, gravity [m/s^2]
+FIXED, ADAPTIVE = ("rk4", "implicit_euler", "midpoint"), {"dop853": 1e-12, "extrapolation": 1e-12, "ars343": 1e-6}
+SLOW, FAST = (settings(dict.fromkeys(FIXED, h) | ADAPTIVE, 100.0 * h) for h in (2e-4, 2e-5))
 FLAT, BAR = 1e-9, (0.01 * 2.0 / 12.0, 1.01 / 12.0)  # moments of inertia of bars along and across [kg m^2]
 
 
@@ -56,7 +58,7 @@ def parallelograms(windows: int, duration: float = 10.0) -> Case:
         return np.outer(0.5 * math.pi - x, signs)
 
     return case_of(f"IFToMM A02, {windows} parallelograms", "precision", compile_scene(model, gravity=DOWN), duration,
-                   turning(np.zeros(1))[0], -signs, record_interval=0.1, exact=turning)  # fmt: skip
+                   turning(np.zeros(1))[0], -signs, record_interval=0.1, exact=turning, settings=SLOW)  # fmt: skip
 
 
 SQUEEZED = (15.81077119629904, -15.75637105984298, 0.04082224013073101, -0.5347301163226948, 0.5244099658805304,
@@ -98,7 +100,7 @@ def squeezer() -> Case:
     torque = np.zeros(7)
     torque[0] = 0.033
     return case_of("IFToMM A03, Andrews' squeezer", "precision", scene, 0.03, start, None, record_interval=0.03,
-                   tau=torque, exact=published)  # fmt: skip
+                   tau=torque, exact=published, settings=FAST)  # fmt: skip
 
 
 def bricard() -> Case:
@@ -118,4 +120,5 @@ def bricard() -> Case:
     model = Model("Bricard", tuple(links), tuple(joints), loops=(last,))
     scene = compile_scene(model, gravity=DOWN)
     return case_of("IFToMM A04, Bricard's mechanism", "precision", scene, 10.0, np.zeros(5), None, record_interval=0.1,
-                   best=("dop853", 1e-12), check=("dop853", 1e-11))  # fmt: skip
+                   settings=SLOW,
+                   best=("extrapolation", 1e-12), check=("dop853", 1e-12))  # fmt: skip

@@ -35,7 +35,7 @@ class View:
     """Read a channel or sensor of all robots, into an array that is used again."""
 
     def __init__(self, fleet: Fleet, tick: float, what: str | RangeSensor) -> None:
-        self.name: str = getattr(what, "name", what)
+        self.name: str = what.name if isinstance(what, RangeSensor) else what
         name = current_name(self.name)
         if isinstance(what, RangeSensor):
             self._sensor: Callable[..., Any] | None = functools.partial(ranges, sensor=what)
