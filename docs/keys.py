@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import MISSING, Field, fields
 from typing import Any, get_args
 
-from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Loop, Servo, Supply
+from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Loop, Servo, Supply, Tendon
 from featherstone_gait.model.loop import LoopKind
 from featherstone_gait.model.servo import Law
 from featherstone_gait.robot_file.servos import PARTS, SERVO_KEYS
@@ -20,6 +20,7 @@ from featherstone_gait.robot_file.settings import OWN
 TABLES: dict[str, tuple[type, Iterable[str]]] = {
     "contacts": (ContactPoint, [f.name for f in fields(ContactPoint)]),
     "loops": (Loop, [f.name for f in fields(Loop)]),
+    "tendons": (Tendon, [f.name for f in fields(Tendon)]),
     "links": (Link, OWN["links"]),
     "joints": (Joint, OWN["joints"]),
     "supply": (Supply, [f.name for f in fields(Supply)]),
@@ -36,6 +37,9 @@ ALLOWED = {  # by type, of fields that state no range
     "bool": "true, false",
     "Vector": "[x, y, z]",
     "float | None": ">= 0",
+    "tuple[Moment, ...]": "[[name, number], ...]",
+    "tuple[Via, ...]": "[{link, point, share}, ...]",
+    "float | tuple[float, float]": "number, [number, number]",
 }
 
 

@@ -22,6 +22,8 @@ from .dynamics import loop_jacobian as loop_jacobian
 from .dynamics import mass_matrix as mass_matrix
 from .dynamics import momentum as momentum
 from .dynamics import spring_energy as spring_energy
+from .dynamics import tendon_jacobian as tendon_jacobian
+from .dynamics import tendon_lengths as tendon_lengths
 from .dynamics.conventions import from_engine as from_engine
 from .dynamics.conventions import to_engine as to_engine
 from .dynamics.inverse_kinematics import IKResult as IKResult
@@ -49,6 +51,8 @@ from .model import Model as Model
 from .model import Servo as Servo
 from .model import Spring as Spring
 from .model import Supply as Supply
+from .model import Tendon as Tendon
+from .model import Via as Via
 from .model import stairs as stairs
 from .model.pair_contact import PairContact as PairContact
 from .model.placed import Placed as Placed
@@ -75,8 +79,6 @@ from .run.contacts import ContactHistory as ContactHistory
 from .run.overlap import OverlapWarning as OverlapWarning
 from .run.overlap import overlaps as overlaps
 from .run.program import controller as controller
-from .run.range_sensor import RangeSensor as RangeSensor
-from .run.range_sensor import ranges as ranges
 from .run.reference import Reference as Reference
 from .run.session import Session as Session
 from .run.simulate import Push as Push

@@ -22,7 +22,10 @@ from .algorithms import (
     momentum,
     spring_energy,
     spring_vectors,
+    tendon_energy,
+    tendon_lengths,
 )
+from .tendons import tendon_jacobian
 
 __all__ = [
     "Coupling",
@@ -46,4 +49,7 @@ __all__ = [
     "momentum",
     "spring_energy",
     "spring_vectors",
+    "tendon_energy",
+    "tendon_jacobian",
+    "tendon_lengths",
 ]

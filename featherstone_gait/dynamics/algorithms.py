@@ -8,7 +8,7 @@ of states, ``(n, nv)``; then eight states go through the kernels at once, with t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import HUGE, floats, instance, listed, shown, vector
 from ..base.brief import FEW, brief
 from ..base.deprecated import warn
-from ..base.fixed_order import applied, product
+from ..base.fixed_order import applied, product, total
 from ..core.compile.elementary import SINCOS_LIMIT
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.effects.touch import FLATNESS
@@ -25,7 +25,7 @@ from ..core.tree import batch
 from ..core.tree.layout import Motion, Robot
 from ..core.tree.loop import SIZE as ROW_SIZE
 from ..core.tree.rows import SIDE
-from ..model import Model, Spring
+from ..model import Model, Spring, Tendon, Via
 from ..model.degrees import ball_name, is_first
 from ..model.numpy_dynamics import Poses, what_is_loose
 from ..model.tree_checks import check_springs
@@ -63,8 +63,8 @@ class Energy(np.ndarray):
     kinetic : numpy.ndarray
         Kinetic energy, () or (n,) [J].
     potential : numpy.ndarray
-        Potential energy of gravity less borne weights, and of joint springs, () or (n,); heights count from the world's
-        origin [J].
+        Potential energy of gravity less borne weights, of joint springs and tendons, () or (n,); heights count from the
+        world's origin [J].
     total : numpy.ndarray
         Sum of both, () or (n,) [J].
     """
@@ -102,8 +102,8 @@ def forward_dynamics(
 ) -> np.ndarray:
     """Compute the accelerations that forces cause (articulated-body algorithm, RBDA section 7.3).
 
-    Gravity, what bears weight and springs of joints act besides the given forces; damping, friction, servos and stops
-    do not.
+    Gravity, what bears weight, springs of joints and tendons act besides the given forces; damping, friction, servos
+    and stops do not.
 
     Coupled joints (`Joint.mimic`) accelerate by multiplier times their leaders' acceleration: the result is
     G (G' M G)^-1 G' (tau - c), with G of `coupling_matrix` and the bias forces c at the given q and qd, whether these
@@ -297,9 +297,9 @@ def inverse_dynamics(
 ) -> np.ndarray:
     """Compute the generalized forces that a motion takes (recursive Newton-Euler algorithm, RBDA Table 5.1).
 
-    Gravity, what bears weight and springs of joints act besides them; damping, friction, servos and stops do not.
-    Couplings of joints are ignored: with G of `coupling_matrix`, G' tau drives the independent joints.  So are loops:
-    tau + J' f with J of `loop_jacobian` does the same for any forces f of the loops.
+    Gravity, what bears weight, springs of joints and tendons act besides them; damping, friction, servos and stops do
+    not.  Couplings of joints are ignored: with G of `coupling_matrix`, G' tau drives the independent joints.  So are
+    loops: tau + J' f with J of `loop_jacobian` does the same for any forces f of the loops.
 
     Parameters
     ----------
@@ -445,6 +445,8 @@ def energy(
     if stiffness.any():
         stretch = model.single_positions(x) - [joint.spring_reference for joint in joints]
         out[:, 1] += (0.5 * stiffness * stretch**2).sum(axis=1)
+    if any(one.stiffness > 0 for one in model.tendons):
+        out[:, 1] += total(tendon_energy(model, x))
     for link in model.links:
         if link.gravity_compensation:
             rotation, position = forward_kinematics(model, x, link.name)
@@ -597,6 +599,100 @@ def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.
     poses = forward_kinematics(model, q)
     b = _points(list(model.link_rows), poses, [(spring.b, spring.point_b) for spring in springs])
     return b - _points(list(model.link_rows), poses, [(spring.a, spring.point_a) for spring in springs])
+
+
+def tendon_lengths(model: Model, q: ArrayLike) -> np.ndarray:
+    """Compute the lengths of the tendons.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Length of each tendon (tendons,) or (n, tendons) [m or rad].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
+    return lengths_of(check_model(model), positions_of(model, q), model.tendons)
+
+
+def tendon_energy(model: Model, q: ArrayLike) -> np.ndarray:
+    """Compute the energy stored in the springs of the tendons.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Energy of each tendon (tendons,) or (n, tendons) [J].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
+    force = spring_forces(model.tendons, tendon_lengths(model, q))
+    stiffness = np.array([one.stiffness for one in model.tendons])
+    return 0.5 * force * force / np.where(stiffness > 0.0, stiffness, 1.0)
+
+
+def positions_of(model: Model, q: ArrayLike) -> np.ndarray:
+    """Return positions (nq,) or (n, nq) as an array; raise ValueError for wrong shapes and values."""
+    q = np.asarray(floats(f"{model.name}: q", q))
+    if q.shape[-1:] != (model.nq,) or q.ndim > 2 or not np.isfinite(q).all():
+        expected = f"expected finite numbers of shape ({model.nq},) or (n, {model.nq})"
+        raise ValueError(f"{model.name}: q has the shape {q.shape}: {np.array2string(q, threshold=20)}; {expected}")
+    return q
+
+
+def lengths_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.ndarray:
+    """Compute the lengths (..., k) of any tendons."""
+    tendons = list(tendons)
+    lengths, single = np.zeros((*q.shape[:-1], len(tendons))), model.single_positions(q)
+    poses = forward_kinematics(model, q) if any(one.path for one in tendons) else None
+    for k, tendon in enumerate(tendons):
+        for name, c in tendon.joints:
+            held = name in model.held
+            lengths[..., k] += c * (model.held[name] if held else single[..., model.joint_rows[name]])
+        if poses is not None:
+            for _, b, _, distance in pieces(model, poses, tendon):
+                lengths[..., k] += b.share * distance
+    return lengths
+
+
+def pieces(model: Model, poses: Poses, tendon: Tendon) -> Iterator[tuple[Via, Via, np.ndarray, np.ndarray]]:
+    """Yield the ends of each straight piece of a path, the direction (..., 3) between them, and the distance (...)."""
+    for a, b in zip(tendon.path, tendon.path[1:]):
+        if b.share > 0:
+            ends = []
+            for one in (a, b):
+                row = model.link_index(one.link)
+                local = applied(poses.rotation[..., row, :, :], np.array(one.point))
+                ends.append(poses.position[..., row, :] + local)
+            way = ends[1] - ends[0]
+            distance = np.sqrt(total(way * way))
+            yield a, b, way / np.where(distance > 0.0, distance, 1.0)[..., None], distance
+
+
+def spring_forces(tendons: Iterable[Tendon], lengths: np.ndarray) -> np.ndarray:
+    """Return the forces of the tendons' springs (..., k) [N or N m] at lengths, positive where they lengthen."""
+    tendons = list(tendons)
+    lower, upper = np.array([one.slack for one in tendons]).reshape(-1, 2).T
+    stiffness = np.array([one.stiffness for one in tendons])
+    return stiffness * (np.maximum(lower - lengths, 0.0) - np.maximum(lengths - upper, 0.0))
 
 
 def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
@@ -774,13 +870,18 @@ def _robot(model: Model, armature: ArrayLike | None, gravity: ArrayLike) -> Robo
 
 
 def _spring_torque(model: Model, q: np.ndarray, stiffness: ArrayLike | None) -> np.ndarray | None:
-    """Compute the generalized forces (n, nv) of the joints' springs; None without springs."""
+    """Compute the generalized forces (n, nv) of springs of joints and of tendons of joints; None without springs."""
     joints = model.moving_joints
     K = np.array([j.stiffness for j in joints]) if stiffness is None else vector("stiffness", stiffness, len(joints))
-    if not K.any():
+    sprung = [one for one in model.tendons if one.stiffness > 0 and one.joints]
+    if not K.any() and not sprung:
         return None
     force = np.zeros((len(q), model.nv))
     force[:, model.nv - len(joints) :] = K * ([j.spring_reference for j in joints] - model.single_positions(q))
+    for tendon, pull in zip(sprung, spring_forces(sprung, lengths_of(model, q, sprung)).T):
+        for name, c in tendon.joints:
+            if name not in model.held:
+                force[:, model.qd_index(name)] += c * pull
     return force
 
 
@@ -833,11 +934,15 @@ def _to_lanes(a: Motion | np.ndarray | None) -> Any:
 def _external(
     model: Model, tree: Tree, q: np.ndarray, wrench: Wrenches | None, gravity: np.ndarray
 ) -> np.ndarray | None:
-    """Compute external forces (n, bodies, 6) about the common origin, borne weights too; None if there are none."""
+    """Compute external forces (n, bodies, 6) about the common origin; None if there are none.
+
+    Borne weights and the springs of tendons along a path are among them.
+    """
     if wrench is not None:
         instance("wrench", wrench, Mapping, "give {link: Wrench(force, moment)}")
     lifts = build_lifts(model, tree, gravity)
-    if not wrench and lifts is None:
+    sprung = [one for one in model.tendons if one.stiffness > 0 and one.path]
+    if not wrench and lifts is None and not sprung:
         return None
     poses = _poses(tree, q)
     out = np.zeros((len(q), tree.n + 1, 6))
@@ -853,7 +958,25 @@ def _external(
         p = poses[:, place.row, 9:] + applied(poses[:, place.row, :9].reshape(-1, 3, 3), place.r)
         out[:, place.row, :3] += moment + np.cross(p, force)
         out[:, place.row, 3:] += force
+    _add_paths(model, tree, q, sprung, poses, out)
     return out
+
+
+def _add_paths(
+    model: Model, tree: Tree, q: np.ndarray, tendons: list[Tendon], poses: np.ndarray, out: np.ndarray
+) -> None:
+    """Add the springs of tendons along a path to external forces."""
+    if not tendons:
+        return
+    at, pulls = forward_kinematics(model, q), spring_forces(tendons, lengths_of(model, q, tendons))
+    for tendon, pull in zip(tendons, pulls.T):
+        for a, b, e, _ in pieces(model, at, tendon):
+            for end, sign in ((a, -b.share), (b, b.share)):
+                place, force = tree.placements[end.link], sign * pull[:, None] * e
+                arm = place.r + applied(place.E, np.array(end.point))
+                p = poses[:, place.row, 9:] + applied(poses[:, place.row, :9].reshape(-1, 3, 3), arm)
+                out[:, place.row, :3] += np.cross(p, force)
+                out[:, place.row, 3:] += force
 
 
 def _force_and_moment(what: str, value: Any, n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -34,6 +34,7 @@ from .pair_contact import name_pairs
 from .rigid_bodies import Frame, Placement, RigidBody, depth_first_joints, lay_out, merge
 from .servo import Servo, Supply
 from .shapes import Shape
+from .tendon import Tendon, check_tendons
 from .tree_checks import check_can_move, check_links, check_locked, check_mimics, check_servos, check_tree
 
 Base = Literal["fixed", "floating"]
@@ -77,6 +78,8 @@ class Model:
         Pairs of links that do not touch each other in a scene with contact between bodies.
     loops : tuple of Loop
         Constraints that close loops of the tree.
+    tendons : tuple of Tendon
+        Springs, dampers and limits along lengths that several joints make.
 
     Raises
     ------
@@ -99,12 +102,13 @@ class Model:
     package_dirs: tuple[str, ...] = ()
     excluded: tuple[tuple[str, str], ...] = ()
     loops: tuple[Loop, ...] = ()
+    tendons: tuple[Tendon, ...] = ()
 
     def __repr__(self) -> str:
         counts = {
             "moving joints": self.joint_names, "locked": self.locked, "servos": self.servos,
             "contact points": self.contacts, "shapes": self.shapes, "keyframes": self.keyframes,
-            "loops": self.loops,
+            "loops": self.loops, "tendons": self.tendons,
         }  # fmt: skip
         found = ", ".join(f"{len(parts)} {what}" for what, parts in counts.items() if parts)
         return f"<robot {clipped(self.name)}: {self.base} base, {self.mass:.4g} kg, {found}>"
@@ -127,6 +131,7 @@ class Model:
         check_links("shapes", self.links, (shape.link for shape in self.shapes))
         check_links("excluded", self.links, (link for pair in self.excluded for link in pair))
         check_loops(self.links, self.loops)
+        check_tendons(self.links, self.degrees.joints, self.tendons)
         check_can_move(self.joints, self.held)
         for name, q in self.keyframes.items():
             check(vector_flaws(f"keyframe {name!r}", "q", q, self.nq))
@@ -455,7 +460,7 @@ class Model:
     show_tree = method("Model.show_tree()", "featherstone_gait.view.tree:tree_text")
 
 
-_PARTS = {"links": Link, "joints": Joint, "contacts": ContactPoint, "shapes": Shape, "loops": Loop}
+_PARTS = {"links": Link, "joints": Joint, "contacts": ContactPoint, "shapes": Shape, "loops": Loop, "tendons": Tendon}
 _TABLES = ("locked", "servos", "keyframes")
 
 

@@ -236,6 +236,7 @@ def _check(model: Model, servos: Sequence[Servo], h: float) -> None:
     lacking += ["dry friction that grows within a step"] * sticks
     lacking += ["joints held elsewhere than at 0"] * any(model.held.values())
     lacking += ["springs of joints"] * any(joint.stiffness > 0.0 for joint in model.moving_joints)
+    lacking += ["tendons"] * bool(model.tendons)
     lacking += ["gravity compensation"] * any(link.gravity_compensation != 0.0 for link in model.links)
     lacking += ["contact points with friction of their own"] * any(p.friction is not None for p in model.contacts)
     if lacking:

@@ -197,6 +197,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             package_dirs=package_dirs,
             excluded=(*robot.excluded, *settings.excluded),
             loops=tuple({loop.name: loop for loop in (*robot.loops, *settings.loops)}.values()),
+            tendons=tuple({one.name: one for one in (*robot.tendons, *settings.tendons)}.values()),
         )
     report.raise_problems(path)
     return model

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ..model import Base, Joint, Link, Loop, Servo
+from ..model import Base, Joint, Link, Loop, Servo, Tendon
 from ..model.degrees import ball_name, degrees_of, is_first
 from ..model.shapes import Shape
 
@@ -46,3 +46,4 @@ class Robot(NamedTuple):
     postures: Mapping[str, Posture] = {}
     excluded: tuple[tuple[str, str], ...] = ()  # links that do not touch each other
     loops: tuple[Loop, ...] = ()
+    tendons: tuple[Tendon, ...] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -161,6 +161,10 @@ def _toml_text(model: Model) -> str:
     lines = [line for title, table in tables.items() for line in ("", f"[{title}]", *_assignments(table))]
     for loop in model.loops:
         lines += ["", "[[loops]]", *_assignments(asdict(loop))]
+    for tendon in model.tendons:
+        stated = {f.name: getattr(tendon, f.name) for f in fields(tendon) if getattr(tendon, f.name) != f.default}
+        points = {"path": tuple(asdict(via) for via in tendon.path)} if tendon.path else {}
+        lines += ["", "[[tendons]]", *_assignments(stated | points)]
     excluded = [f"excluded = {written(model.excluded)}"] if model.excluded else []
     return "\n".join([f"base = {written(model.base)}", "contacts = [", *contacts, "]", *excluded, *lines, ""])
 

@@ -8,10 +8,11 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..model import Base, ContactPoint, Joint, Link, Loop, Servo, Supply
+from ..model import Base, ContactPoint, Joint, Link, Loop, Servo, Supply, Tendon
 from ..model.checks import check, field_flaws
 from ..model.degrees import ball_name, by_degree, degrees_of, is_first
 from ..model.loop import check_loops
+from ..model.tendon import check_tendons
 from ..model.tree_checks import check_links, check_locked
 from .report import Report
 from .robot import Posture
@@ -22,7 +23,8 @@ OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
     "links": ("gravity_compensation",),
     "joints": ("armature", "stiffness", "spring_reference"),
 }
-SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded", "loops")  # of the file
+# Of the file.
+SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded", "loops", "tendons")
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
@@ -40,6 +42,7 @@ class Settings(NamedTuple):
     choice: str | tuple[str, ...] | None = None  # of collision shapes in place of contact points
     excluded: tuple[tuple[str, str], ...] = ()  # links that do not touch each other
     loops: tuple[Loop, ...] = ()
+    tendons: tuple[Tendon, ...] = ()
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report) -> Settings:
@@ -80,7 +83,10 @@ def _section(
         check_links(name, links, (link for pair in pairs for link in pair))
         return {name: pairs}
     if name == "loops":
-        return {name: _loops(table[name], links)}
+        return {name: _records(Loop, table[name], name, lambda found: check_loops(links, found))}
+    if name == "tendons":
+        single = degrees_of(joints).joints
+        return {name: _records(Tendon, table[name], name, lambda found: check_tendons(links, single, found))}
     inside = table_of(table, name, "")
     if name == "servos":
         return {name: read_servos(inside, joints, folder, report)}
@@ -201,15 +207,16 @@ def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
     return tuple(points)
 
 
-def _loops(rows: Any, links: tuple[Link, ...]) -> tuple[Loop, ...]:
+def _records(kind: type, rows: Any, section: str, check_all: Callable[[list[Any]], None]) -> tuple[Any, ...]:
+    """Read the tables [[loops]] or [[tendons]]."""
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise ValueError(f"loops is {rows!r}; expected tables: write [[loops]] above each")
-    found, problems = list[Loop](), Problems()
+        raise ValueError(f"{section} is {rows!r}; expected tables: write [[{section}]] above each")
+    found, problems, what = list[Any](), Problems(), section.removesuffix("s")
     for k, row in enumerate(rows):
         with problems.at(row):
-            named = f"loop {row['name']!r}" if isinstance(row.get("name"), str) else f"loops[{k}]"
-            found.append(record(Loop, row, f"loops[{k}]", named))
-            check_loops(links, found)
+            named = f"{what} {row['name']!r}" if isinstance(row.get("name"), str) else f"{section}[{k}]"
+            found.append(record(kind, row, f"{section}[{k}]", named))
+            check_all(found)
     problems.raise_all()
     return tuple(found)
 

@@ -15,6 +15,7 @@ from typing import Any
 
 from ..base.arguments import is_real, shown
 from ..base.flaws import Flaw, FlawError
+from ..model import Via
 from ..model.checks import check, field_flaws
 from .source import read_bytes
 from .toml_lines import with_lines
@@ -147,6 +148,35 @@ def name_pairs_of(table: Mapping[str, Any], key: str, remedy: str) -> tuple[tupl
     return tuple((one, two) for one, two in rows)
 
 
+def moments(table: Mapping[str, Any], key: str, what: str) -> tuple[tuple[str, float], ...]:
+    """Return the names and numbers under a key; raise ValueError for anything else."""
+    rows = table.get(key)
+    with at(table, key):
+        fit = isinstance(rows, list) and all(isinstance(one, list) and len(one) == 2 for one in rows)
+        if not fit or not all(isinstance(name, str) for name, _ in rows or ()):
+            remedy = 'write [["elbow", 0.02], ...]'
+            raise ValueError(f"{what}: {key} is {shown(rows)}; expected names and numbers: {remedy}")
+        return tuple((name, real(x, f"{what}: {key}: {name!r}")) for name, x in rows or ())
+
+
+def path(table: Mapping[str, Any], key: str, what: str) -> tuple[Via, ...]:
+    """Return the points under a key; raise ValueError for anything else."""
+    rows = table.get(key)
+    with at(table, key):
+        if not isinstance(rows, list) or not all(isinstance(one, dict) for one in rows):
+            raise ValueError(f'{what}: {key} is {shown(rows)}; expected points: write [{{link = "hand"}}, ...]')
+    return tuple(record(Via, one, f"{what}: {key}[{k}]") for k, one in enumerate(rows))
+
+
+def span(table: Mapping[str, Any], key: str, what: str) -> float | tuple[float, ...]:
+    """Return the number or the two numbers under a key; raise ValueError for anything else."""
+    value = table.get(key)
+    with at(table, key):
+        if isinstance(value, list) and len(value) == 2:
+            return tuple(real(x, f"{what}: {key}") for x in value)
+        return real(value, f"{what}: {key}")
+
+
 # How to read a field of a dataclass, by its type as `fields` gives it.
 READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "str": string,
@@ -156,6 +186,9 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "Vector": vector,
     "LoopKind": string,
     "str | None": string,
+    "tuple[Moment, ...]": moments,
+    "tuple[Via, ...]": path,
+    "float | tuple[float, float]": span,
 }
 
 
@@ -177,12 +210,14 @@ def record(kind: type, table: Mapping[str, Any], what: str, named: str = "") -> 
         return kind(**values)
 
 
-def written(value: str | float | tuple[Any, ...]) -> str:
-    """Write a text, a number or a list of them as TOML that reads back the same."""
+def written(value: str | float | tuple[Any, ...] | dict[str, Any]) -> str:
+    """Write a text, a number, or a list or table of them as TOML that reads back the same."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)  # printable text needs no escapes but JSON's
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} = {written(x)}' for key, x in value.items())}}}"
     if isinstance(value, tuple):
         return f"[{', '.join(written(x) for x in value)}]"
     return repr(float(value))

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..base.rotation import dot, rotation_from_quaternion
 from ..core.effects.energies import ENERGIES, STOPS
-from ..core.effects.spring import CAUSES as SPRING_CAUSES
 from ..core.effects.stop import explicit_limit
 from ..core.integrate.adaptive import PROGRESS, STALLED
 from ..core.step import pace
@@ -65,7 +64,6 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
         }
     if scene.model.loops:
         info["loops"] = [loop.name for loop in scene.model.loops]
-        info["loop_rows"] = [name for loop in scene.model.loops for name in loop.row_names]
     if scene.pairs:
         info["pairs"] = [list(pair) for pair in scene.pairs]  # of each row, which the channel `pair` counts from 1
     if scene.adaptive:
@@ -164,15 +162,11 @@ def _who_fell(scene: CompiledScene, y: np.ndarray) -> str:
 
 
 def beyond_stability(scene: CompiledScene) -> Outcome | None:
-    """Find a fixed step too large for an explicit integrator, or for springs between bodies."""
-    check, method, by = scene.preflight, scene.method, ""
-    largest = method.stability * check.sliding_step if method.explicit else method.ties * check.spring_step
-    if method.adaptive or not scene.timestep > largest:
+    """Find a fixed step too large for an explicit integrator."""
+    largest = scene.method.stability * scene.preflight.sliding_step
+    if scene.adaptive or not scene.timestep > largest:
         return None
-    if check.spring_step < 1.01 * check.sliding_step:
-        ties = [limit for limit in check.limits if limit.cause in SPRING_CAUSES]
-        by = f", by the spring {min(ties, key=lambda limit: limit.step).joint}"
-    message = f"{scene.integrator} is stable up to {largest:.2g} s in this scene{by}; the step is {scene.timestep:g} s"
+    message = f"{scene.integrator} is stable up to {largest:.2g} s in this scene; the step is {scene.timestep:g} s"
     return Outcome(Status.NOT_CONVERGED, message)
 
 

@@ -27,6 +27,7 @@ from ..core.step import pace, state
 from ..core.step.context import Plan, Run, Scene
 from ..core.step.program import DONE, FIRST, OFFSET
 from ..core.step.signals import Knots, Signals
+from ..dynamics.tendons import tendon_length_channel
 from ..geometry.distance import clearance_channel, contact_bench
 from ..model.numpy_dynamics import with_quaternions
 from ..scene.compile import CompiledScene
@@ -44,7 +45,8 @@ Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 INTERRUPTIBLE = 3e5  # steps by velocities: some 0.1 s of computing, from which on a run looks for Ctrl-C
 PAUSE = 3e4  # evaluations by velocities: some 10 ms, after which a run with error control looks for it
 MOST_KNOTS = 1e8  # of a signal that steps see at each knot
-OF_MODEL = {"clearance": clearance_channel}  # computed channels that take the robot too
+# Computed channels that take the robot too.
+OF_MODEL = {"clearance": clearance_channel, "tendon_length": tendon_length_channel}
 
 
 class RunInput(NamedTuple):

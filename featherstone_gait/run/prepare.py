@@ -53,8 +53,9 @@ def prepare(
         plan = plan._replace(rtol=rtol, atol=atol, least_step=least_step(scene), integrated=integrated)
         plan = plan._replace(second_run=scene.method.second_run, budget=budget(plan.steps * plan.h))
     record = recorded(scene, record)
-    if "clearance" in record:
-        check_one(scene, "the clearance")
+    for name, what in (("clearance", "the clearance"), ("tendon_length", "the lengths of tendons")):
+        if name in record:
+            check_one(scene, what)
     run = CompiledRun(scene.pushed(pushes), plan, record, *_stored(scene, record), controller=controller)
     if run.samples * max(1, len(run.channels)) > MOST_NUMBERS:  # they would fill the memory
         raise ValueError(

@@ -25,10 +25,11 @@ from ..core.step.context import Scene
 from ..model import Controller, Ground, Model, Spring
 from ..model.pair_contact import PairContact, pair_contact
 from ..model.placed import Placed, SceneModel
+from ..model.tendon import spring_tendon
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import ByChannel, StateView
 from .contact import build_contact, standing_posture
-from .external import Push, build_lifts, build_pushes, build_springs
+from .external import Push, build_lifts, build_pushes
 from .firmware import build_firmware, build_supply
 from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
 from .friction import Friction, build_friction, sticks
@@ -38,6 +39,7 @@ from .options import SceneOptions, check_options
 from .pairs import NOTHING, Touching, build_pairs, limited
 from .preflight import STIFF, Preflight, implicit_reason, preflight
 from .stop import build_stops
+from .tendon import build_tendons, fold_tendons, with_rows, with_stops
 from .tree import GRAVITY, Tree, compile_tree
 
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
@@ -330,7 +332,7 @@ def compile_scene(
     fall_tilt : float, optional
         It has also fallen when its root is tilted by more than this angle [rad]; pi: never.
     springs : sequence of Spring, optional
-        Springs between points of two links.  All integrators treat them explicitly: use "dop853" for stiff ones.
+        Springs between points of two links.
     pairs : str, sequence of (str, str), or PairContact, optional
         Bodies that touch each other: "none", "all", pairs of names ("name/link", or "name" for all links of a member or
         obstacle), or a `PairContact` with numbers.  None: what a `SceneModel` says, else "none".  With pairs a single
@@ -381,10 +383,12 @@ def _check_no_loops(models: Iterable[Model]) -> None:
 def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     """Compile one model."""
     options, ground = check_options(model, given), given.ground
-    tree, drive, g = compile_tree(model), build_drive(model, options.gearbox), np.asarray(options.gravity)
-    contact, ties = build_contact(model, tree, ground, g), build_springs(tree, options.springs)
+    drive, g = build_drive(model, options.gearbox), np.asarray(options.gravity)
+    lines = (*model.tendons, *(spring_tendon(spring) for spring in options.springs))
+    tree = with_rows(compile_tree(model), lines)
+    contact, tendons = build_contact(model, tree, ground, g), build_tendons(model, tree, lines)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
-    check = preflight(model, drive, friction, joint_springs, ties, options)
+    check = preflight(model, drive, friction, joint_springs, lines, options)
     if model.loops:
         names = quoted([loop.name for loop in model.loops])
         check = check._replace(reason=f"{check.reason}; loops {names} are closed after each step")
@@ -393,6 +397,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     ticks = round(period / h)
     fold_springs(drive, method, h, check.inertias)
     fold_joint_springs(joint_springs, method, h, check.inertias)
+    fold_tendons(tendons, method, h, check.tendon_inertias)
     if method.drives or method.soft:  # takes another friction than the one that limits steps
         friction = build_friction(model, drive, bool(method.drives), method.soft)
     constants = Scene(
@@ -406,14 +411,14 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         stops=build_stops(model, drive, check.inertias, options.g),
         contact=contact,
         push=None,
-        springs=ties,
         coupling=tree.coupling,
         firmware=build_firmware(model, drive, h, ticks),
         supply=build_supply(model, drive),
         joint_springs=joint_springs,
         lifts=build_lifts(model, tree, g),
         balls=tree.balls,
-        loops=_loops(model),
+        loops=_loops(model, tree),
+        tendons=with_stops(tendons, model, lines, check.tendon_inertias, options.g),
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)
     return CompiledScene(
@@ -429,7 +434,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         fall_height=lowest,
         fall_upright=upright_cosine,
         upright=upright,
-        stiff=drive.switches or ground is not None or check.folded_step < STIFF or sticks(friction),
+        stiff=drive.switches or ground is not None or check.largest_explicit_step < STIFF or sticks(friction),
         compiled=constants,
     )
 
@@ -490,12 +495,14 @@ def _implicit(options: SceneOptions) -> SceneOptions:
     return options._replace(integrator="ars343") if chosen else options
 
 
-def _loops(model: Model) -> Loops | None:
+def _loops(model: Model, tree: Tree) -> Loops | None:
     """Return the loops for kernels, None without."""
     if not model.loops:
         return None
     found = build_loops(model)
-    return Loops(found.table, found.trees, np.array([found.rows]))
+    parts = found.trees.copy()
+    parts.end_tendon = tree.tendons
+    return Loops(found.table, parts, np.array([found.rows]))
 
 
 def _members(models: Any, options: SceneOptions) -> list[Member]:
@@ -593,6 +600,6 @@ def _places(tree: Tree, constants: Scene) -> np.recarray:
             "slot": 0 if pairs is None else int(pairs.slots[0]),
             "turning": 0 if pairs is None or pairs.turning is None else int(pairs.slots[0]),
             "pairs": int(pairs is not None),
-            "row": 0 if constants.loops is None else int(constants.loops.rows[0]),
+            "tendon": 0 if constants.tendons is None else len(constants.tendons.table),
         }
     )

@@ -1,4 +1,4 @@
-"""Build pushes, springs and forces that bear weight: external forces on the bodies."""
+"""Build pushes and forces that bear weight: external forces on the bodies."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from ..base.arguments import instance, is_real, listed, shown, vector
 from ..base.brief import brief
 from ..base.fixed_order import applied
 from ..core.effects.push import PUSH
-from ..core.effects.spring import SPRING
-from ..model import Model, Spring
+from ..model import Model
 from .records import fill, records
 from .tree import Tree
 
@@ -78,18 +77,4 @@ def build_lifts(model: Model, tree: Tree, gravity: np.ndarray) -> np.recarray | 
         row.body, row.point = place.row, place.r + applied(place.E, np.array(link.center_of_mass))
         row.force = -(link.gravity_compensation * link.mass) * gravity
         row.start, row.end = -math.inf, math.inf
-    return table
-
-
-def build_springs(tree: Tree, springs: Sequence[Spring]) -> np.recarray | None:
-    """Build the SPRING records, their ends in the frames of the bodies that carry the links; None without springs."""
-    if not springs:
-        return None
-    table = records(len(springs), SPRING)
-    for row, spring in zip(table, springs):
-        a, b = tree.placements[spring.a], tree.placements[spring.b]
-        fill(row, spring)
-        row.a, row.b = a.row, b.row
-        row.point_a = a.r + applied(a.E, np.array(spring.point_a))
-        row.point_b = b.r + applied(b.E, np.array(spring.point_b))
     return table

@@ -19,11 +19,12 @@ from ..core.effects.friction import FRICTION
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
 from ..core.effects.joint_spring import JOINT_SPRING
 from ..core.effects.stop import STOP
+from ..core.effects.tendon import Tendons
 from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.step.context import Scene
 from ..core.step.state import IN_STATE
 from ..core.tree.forest import TREE
-from ..model import Joint, Link, Model, Placement
+from ..model import Joint, Link, Model, Placement, Tendon
 from ..model.placed import Placed, link_name
 from .actuator import Actuator, passive
 from .channels import Share, owned
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 WORLD = "world"  # root of the joined model
 NO_STOP = 1e300
+UNSTOPPED: dict[str, float] = {"lower": -NO_STOP, "upper": NO_STOP, "stiffness": 1.0}
 
 
 class Member(NamedTuple):
@@ -71,7 +73,7 @@ def joined_model(members: Sequence[Member], name: str) -> Model:
     coordinates of bases.
     """
     links, joints = [Link(WORLD)], []
-    parts: dict[str, list[Any]] = {"contacts": [], "shapes": []}
+    parts: dict[str, list[Any]] = {"contacts": [], "shapes": [], "tendons": []}
     servos: dict[str, Any] = {}
     locked: dict[str, float] = {}
     for member in members:
@@ -83,12 +85,13 @@ def joined_model(members: Sequence[Member], name: str) -> Model:
         joints += [_renamed(member, joint) for joint in model.joints]
         parts["contacts"] += [replace(one, link=named(member, one.link)) for one in _touching(member)]
         parts["shapes"] += [replace(one, link=named(member, one.link)) for one in model.shapes]
+        parts["tendons"] += [_tendon_of(member, one) for one in model.tendons]
         servos |= {named(member, joint): servo for joint, servo in model.servos.items()}
         locked |= {named(member, joint): at for joint, at in model.locked.items()}
     supply = next((one.model.supply for one in members if one.scene.constants.supply is not None), None)
     return Model(
         name, tuple(links), tuple(joints), locked=locked, servos=servos, supply=supply,
-        contacts=tuple(parts["contacts"]), shapes=tuple(parts["shapes"]),
+        contacts=tuple(parts["contacts"]), shapes=tuple(parts["shapes"]), tendons=tuple(parts["tendons"]),
     )  # fmt: skip
 
 
@@ -101,6 +104,12 @@ def _renamed(member: Member, joint: Joint) -> Joint:
     mimic = joint.mimic and replace(joint.mimic, joint=named(member, joint.mimic.joint))
     name, parent, child = (named(member, one) for one in (joint.name, joint.parent, joint.child))
     return replace(joint, name=name, parent=parent, child=child, mimic=mimic)
+
+
+def _tendon_of(member: Member, tendon: Tendon) -> Tendon:
+    joints = tuple((named(member, name), c) for name, c in tendon.joints)
+    path = tuple(replace(via, link=named(member, via.link)) for via in tendon.path)
+    return replace(tendon, name=named(member, tendon.name), joints=joints, path=path)
 
 
 def _touching(member: Member) -> tuple[Any, ...]:
@@ -137,6 +146,7 @@ class Shift(NamedTuple):
     point: int
     coupling: int
     ball: int
+    tendon: int
 
     def workspace(self, rows: np.ndarray) -> np.ndarray:
         """Return where workspace rows after the bodies, such as slots, stand."""
@@ -144,17 +154,18 @@ class Shift(NamedTuple):
 
 
 def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
-    """Return where each member's rows stand: the bodies of all, then slots, contact rows and couplings of all."""
+    """Return where each member's rows stand: the bodies of all, then slots, contact rows, couplings and tendons."""
     trees, found = [scene.tree for scene in scenes], []
-    body, row, joint, point, coupling, ball = 0, sum(len(tree.bodies) for tree in trees), 0, 0, 0, 0
+    body, row, joint, point, coupling, ball, tendon = 0, sum(len(tree.bodies) for tree in trees), 0, 0, 0, 0, 0
     for scene, tree in zip(scenes, trees):
-        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling, ball))
+        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling, ball, tendon))
         body += len(tree.bodies)
         row += tree.rows - len(tree.bodies)
         joint += tree.n
         point += count(scene.constants.contact and scene.constants.contact.points)
         coupling += count(tree.coupling)
         ball += count(tree.balls)
+        tendon += tree.tendons
     return found
 
 
@@ -194,7 +205,8 @@ def joined_tree(members: Sequence[Member]) -> Tree:
     end = moved[-1].row + scenes[-1].tree.rows - len(scenes[-1].tree.bodies)
     joined = np.concatenate(bodies).view(np.recarray)
     first = np.concatenate(balls) if balls else None
-    return Tree(joined, True, tuple(names), places, end, _concatenated(couplings), trees, first)
+    own = moved[-1].tendon + scenes[-1].tree.tendons
+    return Tree(joined, True, tuple(names), places, end, _concatenated(couplings), trees, first, own)
 
 
 def _fill_tree(row: Any, scene: CompiledScene, at: Shift) -> None:
@@ -205,6 +217,7 @@ def _fill_tree(row: Any, scene: CompiledScene, at: Shift) -> None:
     row.point, row.end_point = at.point, at.point + points
     row.coupling, row.end_coupling = at.coupling, at.coupling + count(tree.coupling)
     row.ball, row.end_ball = at.ball, at.ball + count(tree.balls)
+    row.tendon, row.end_tendon = at.tendon, at.tendon + tree.tendons
     row.falls = tree.floating and tree.n > 0 and points > 0
     row.min_height, row.min_upright = max(scene.fall_height, -1e308), scene.fall_upright
     row.upright = scene.upright
@@ -231,10 +244,9 @@ def joined_constants(members: Sequence[Member], tree: Tree) -> Scene:
         decay=_rows([one.decay for one in all_of], joints),
         armature=_rows([one.armature for one in all_of], joints),
         friction=_friction([one.friction for one in all_of], joints),
-        stops=stack("stops", STOP, lower=-NO_STOP, upper=NO_STOP, stiffness=1.0),
+        stops=stack("stops", STOP, **UNSTOPPED),
         contact=_contact([one.contact for one in all_of], moved),
         push=None,
-        springs=_on_bodies([one.springs for one in all_of], moved, ("a", "b")),
         coupling=tree.coupling,
         firmware=_firmware(members, joints),
         supply=_supply(members),
@@ -242,6 +254,7 @@ def joined_constants(members: Sequence[Member], tree: Tree) -> Scene:
         lifts=_on_bodies([one.lifts for one in all_of], moved, ("body",)),
         trees=tree.trees,
         balls=tree.balls,
+        tendons=_tendons(members, tree, moved),
     )
 
 
@@ -356,6 +369,26 @@ def _on_bodies(tables: Sequence[Any], moved: Sequence[Shift], rows: Iterable[str
     return _concatenated(found)
 
 
+def _tendons(members: Sequence[Member], tree: Tree, moved: Sequence[Shift]) -> Tendons | None:
+    """Return the tendons of all members."""
+    tables, parts, first = [], [], 0
+    found = [one.scene.constants.tendons for one in members]
+    for own, at in zip(found, moved):
+        if own is not None:
+            table, pieces = own.table.copy(), own.parts.copy()
+            table.row, table.column = at.workspace(table.row), tree.columns + at.tendon + np.arange(len(table))
+            table.first, table.end = table.first + first, table.end + first
+            pieces.body, pieces.dof = pieces.body + at.body, pieces.dof + at.joint
+            tables.append(table)
+            parts.append(pieces)
+            first += len(pieces)
+    if not tables:
+        return None
+    counts = [count(one and one.table) for one in found]
+    stops = _stacked([one and one.stops for one in found], counts, STOP, **UNSTOPPED)
+    return Tendons(_concatenated(tables), _concatenated(parts), stops)
+
+
 def _firmware(members: Sequence[Member], counts: Sequence[int]) -> Firmware:
     """Return the firmware of all servos; raise ValueError where delays differ."""
     all_of = [member.scene.constants.firmware for member in members]
@@ -411,6 +444,7 @@ def shares(members: Sequence[Member]) -> dict[str, Share]:
         found[member.name] = {
             "base": k, "fixed": not member.scene.tree.floating, "joints": [at.joint, at.joint + member.scene.tree.n],
             "points": [at.point, at.point + points], "of_joints": joints,
+            "tendons": [at.tendon, at.tendon + member.scene.tree.tendons],
         }  # fmt: skip
         if positions > joints:
             own = len(member.model.position_names)

@@ -194,11 +194,11 @@ def _parts(members: Sequence[Member], obstacles: Sequence[Placed], tree: Tree, g
             link = link_name(placed.name, shape.link)
             solids.append(Solid(link, placed.name, WORLD, beyond, False, shape, turn, at))
     if ground is not None and any(solid.moves and not solid.on_points for solid in solids):
-        solids += of_ground(ground, beyond)
+        solids += _of_ground(ground, beyond)
     return Parts(solids, np.concatenate(meeting), notes)
 
 
-def of_ground(ground: Ground, beyond: int) -> list[Solid]:
+def _of_ground(ground: Ground, beyond: int) -> list[Solid]:
     """Return the ground as a height field, or as all below its lowest tread with a box for each other one."""
     if ground.field is not None:
         place = np.eye(3), np.array([0.0, 0.0, ground.height])
@@ -451,10 +451,8 @@ def limited(check: Preflight, touching: Touching, tree: Tree) -> Preflight:
     steps = 2.0 * np.sqrt(_reduced(table, tree) / (_carrying(table, touching.table.shapes) * table.stiffness))
     k = int(steps.argmin())
     limit = Limit(" - ".join(touching.names[k]), float(steps[k]), "contact spring")
-    largest, folded, sliding = (
-        min(one, limit.step) for one in (check.largest_explicit_step, check.folded_step, check.sliding_step)
-    )
-    check = check._replace(largest_explicit_step=largest, folded_step=folded, sliding_step=sliding)
+    largest, sliding = (min(one, limit.step) for one in (check.largest_explicit_step, check.sliding_step))
+    check = check._replace(largest_explicit_step=largest, sliding_step=sliding)
     return check._replace(limits=(*check.limits, limit))
 
 

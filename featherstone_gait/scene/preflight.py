@@ -5,9 +5,9 @@ h < 2 / lambda(M^-1 C) and h < 2 / sqrt(lambda(M^-1 K)), lambda the largest eige
 another if it is singular there.  For one joint alone the inertia is what it feels when all others are free,
 1 / (M^-1)_ii; together the joints allow less.
 
-Springs between bodies enter with the length that changes along them in place of a joint's angle: of joints and springs
-together, whose rates are J v, the mobility is J M^-1 J'.  Left out are that a stretched spring resists turning, and
-springs whose points coincide at zero, where they have no direction.
+Tendons and springs between bodies enter with their length in place of a joint's angle: of joints and lengths together,
+whose rates are J v, the mobility is J M^-1 J'.  Left out are that a stretched spring resists turning, and springs whose
+points coincide at zero, where they have no direction.
 
 Dry friction is a damper F / SOFT as long as a joint sticks, and none while it slides.
 """
@@ -17,35 +17,35 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..base.arguments import one_of, real
-from ..base.fixed_order import applied, product, solve
-from ..base.rotation import cross, dot
-from ..core.effects import contact, joint_spring, spring
+from ..base.fixed_order import product, solve
+from ..core.effects import contact, joint_spring, tendon
 from ..core.effects.friction import DRY
 from ..core.integrate import INTEGRATORS
-from ..dynamics import Wrench, coupling_matrix, forward_kinematics, inverse_dynamics, spring_vectors
-from ..model import Model, Spring
+from ..dynamics import coupling_matrix
+from ..dynamics.tendons import rows_of
+from ..model import Model, Tendon
 from ..model.numpy_dynamics import mass_matrix_at, regular_posture
 from .actuator import Drive
 from .friction import Friction, explicit_limits, sticks
 from .options import SceneOptions
 
 STIFF = 5e-3  # [s]; explicit limit below which a scene is for implicit steps
-RESOLVED = 0.25  # share of the springs' limit that a chosen step takes: 12 steps a period
+LARGEST = 1e50  # inertia of a length that nothing changes [kg m^2 or kg]
 SHORTEST, LONGEST = 1e-9, 10.0  # steps that are taken [s]
 
 
 class Limit(NamedTuple):
-    """The largest explicit step of one joint or spring, and why.
+    """The largest explicit step of one joint, tendon or spring, and why.
 
     Attributes
     ----------
     joint : str
-        Name of the joint or spring.
+        Name of the joint, tendon or spring.
     step : float
         Largest stable explicit step [s]; inf if nothing limits it.
     cause : str
@@ -63,7 +63,7 @@ class Preflight(NamedTuple):
     Attributes
     ----------
     limits : tuple of Limit
-        The limit of each joint, spring and contact alone.
+        The limit of each joint, tendon, spring and contact alone.
     integrator : str
         Name of the integrator.
     timestep : float
@@ -75,13 +75,11 @@ class Preflight(NamedTuple):
     inertias : tuple of float
         Inertia that each joint feels [kg m^2 or kg].
     largest_explicit_step : float
-        Limit of joints, springs and contacts together [s].
-    folded_step : float
-        The same without springs between bodies, which no implicit step includes [s].
+        Limit of joints, tendons, springs and contacts together [s].
     sliding_step : float
         The same while no dry friction sticks [s].
-    spring_step : float
-        Limit of the springs between bodies alone, for all integrators [s].
+    tendon_inertias : tuple of float
+        Inertia that each tendon and spring feels along its length [kg m^2 or kg].
     """
 
     limits: tuple[Limit, ...]
@@ -91,9 +89,8 @@ class Preflight(NamedTuple):
     named: bool
     inertias: tuple[float, ...]
     largest_explicit_step: float
-    folded_step: float
     sliding_step: float
-    spring_step: float
+    tendon_inertias: tuple[float, ...] = ()
 
     @property
     def worst(self) -> Limit | None:
@@ -107,17 +104,17 @@ def preflight(
     drive: Drive,
     friction: Friction | None,
     joint_springs: np.recarray | None,
-    springs: np.recarray | None,
+    tendons: Sequence[Tendon],
     options: SceneOptions,
 ) -> Preflight:
     """Compute the limits of explicit steps, and choose the integrator and the step where they are not given.
 
-    springs: SPRING records of those between bodies.  Raises ValueError on names and steps that do not exist.
+    Raises ValueError on names and steps that do not exist.
     """
-    n, mobility = len(model.moving_joints), joint_mobility(model, drive.armature, options.springs)
-    names = [*model.joint_names, *(f"{one.a} - {one.b}" for one in options.springs)]
-    inertias = tuple(float(x) for x in 1.0 / np.diag(mobility)[:n])
-    dampers, stiff, rotors = _acting(drive, friction, joint_springs, springs)
+    n, mobility = len(model.moving_joints), joint_mobility(model, drive.armature, tendons)
+    names = [*model.joint_names, *(one.name for one in tendons)]
+    inertias = tuple(1.0 / float(x) if x > 0 else LARGEST for x in np.diag(mobility))
+    dampers, stiff, rotors = _acting(drive, friction, joint_springs, tendons)
     limits = []
     for k, (name, share) in enumerate(zip(names, np.diag(mobility))):
         each = ({cause: c[k] for cause, c in acting.items()} for acting in (dampers, stiff))
@@ -125,12 +122,13 @@ def preflight(
     mobility[:n, :n] += np.diag(np.broadcast_to(rotors, n))
     damping, stiffness = (sum(acting.values(), np.zeros(len(names))) for acting in (dampers, stiff))
     _check_size(model, names, mobility, np.maximum(damping, stiffness))
-    steps = _together(mobility, damping, stiffness, dampers.get(DRY), n)
+    steps: tuple[float, ...] = _together(mobility, damping, stiffness, dampers.get(DRY))
     if options.ground is not None:
         step = float(contact.explicit_limit(options.ground.penetration, options.g))
         limits.append(Limit("contact", step, "contact spring"))
-        steps = (*(min(one, step) for one in steps[:3]), steps[3])
-    check = Preflight(tuple(limits), "", 0.0, "", options.integrator is not None, inertias, *steps)
+        steps = tuple(min(one, step) for one in steps)
+    named = options.integrator is not None
+    check = Preflight(tuple(limits), "", 0.0, "", named, inertias[:n], steps[0], steps[1], inertias[n:])
     clipped = drive.actuator is not None or options.ground is not None or sticks(friction)
     integrator, step, reason = _choice(options, clipped, check)
     if options.timestep is None and drive.sampled:
@@ -154,11 +152,11 @@ def _divides(step: float, time: float) -> bool:
     return abs(round(time / step) * step - time) <= 1e-9 * time
 
 
-Acting: TypeAlias = dict[str, np.ndarray]  # dampers or springs of each joint and each spring between bodies, by cause
+Acting: TypeAlias = dict[str, np.ndarray]  # dampers or springs of each joint and each tendon, by cause
 
 
 def _acting(
-    drive: Drive, friction: Friction | None, joint_springs: np.recarray | None, springs: np.recarray | None
+    drive: Drive, friction: Friction | None, joint_springs: np.recarray | None, tendons: Sequence[Tendon]
 ) -> tuple[Acting, Acting, np.ndarray | float]:
     """Return dampers [N m s/rad or N s/m], springs [N m/rad or N/m], and the mobility of rotors behind gears."""
     acting, rotors = explicit_limits(friction, drive), 0.0
@@ -167,29 +165,26 @@ def _acting(
         acting = acting[0] | more[0], acting[1] | more[1]
     if joint_springs is not None:
         acting = acting[0], acting[1] | joint_spring.explicit_limits(joint_springs)[1]
-    if springs is None:
+    if not tendons:
         return *acting, rotors
-    own, ends = np.zeros(len(drive.servos)), np.zeros(len(springs))
+    own, ends = np.zeros(len(drive.servos)), np.zeros(len(tendons))
     of_joints = ({cause: np.concatenate([c, ends]) for cause, c in one.items()} for one in acting)
-    between = ({cause: np.concatenate([own, c]) for cause, c in one.items()} for one in spring.explicit_limits(springs))
-    dampers, stiff = (a | b for a, b in zip(of_joints, between))
+    numbers = ([one.damping for one in tendons], [one.stiffness for one in tendons])
+    along = ({cause: np.concatenate([own, each])} for cause, each in zip(tendon.CAUSES, numbers))
+    dampers, stiff = (a | b for a, b in zip(of_joints, along))
     return dampers, stiff, rotors
 
 
 def _together(
-    mobility: np.ndarray, dampers: np.ndarray, stiff: np.ndarray, dry: np.ndarray | None, n: int
+    mobility: np.ndarray, dampers: np.ndarray, stiff: np.ndarray, dry: np.ndarray | None
 ) -> tuple[float, ...]:
-    """Compute the last four fields of `Preflight`; eigenvalues are expensive and computed once.
+    """Compute the largest explicit step and the sliding one; eigenvalues are expensive and computed once.
 
     dry: what of the dampers is dry friction while it sticks.
     """
-    largest = folded = coupled_limit(mobility, dampers, stiff)
-    springs = math.inf
-    if len(dampers) > n:
-        folded = coupled_limit(mobility[:n, :n], dampers[:n], stiff[:n])
-        springs = coupled_limit(mobility[n:, n:], dampers[n:], stiff[n:])
+    largest = coupled_limit(mobility, dampers, stiff)
     sliding = largest if dry is None or not dry.any() else coupled_limit(mobility, dampers - dry, stiff)
-    return largest, folded, sliding, springs
+    return largest, sliding
 
 
 def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np.ndarray) -> None:
@@ -216,22 +211,13 @@ def _choice(options: SceneOptions, clipped: bool, check: Preflight) -> tuple[str
         raise ValueError("integrator 'simtwo' is the paper's: import featherstone_gait.reproduction first")
     else:
         one_of("integrator", chosen, INTEGRATORS)
-    if timestep is not None:
-        return chosen, timestep, reason
-    step, limit = 1e-3 if clipped else 5e-4, check.spring_step
-    parts = 1 if INTEGRATORS[chosen].adaptive else max(1, math.ceil(step / (RESOLVED * limit)))
-    if parts > 1:
-        reason += f"; springs between bodies limit any fixed step to {limit:.2g} s: {step / parts:.2g} s chosen"
-    return chosen, step / parts, reason
+    return chosen, (1e-3 if clipped else 5e-4) if timestep is None else timestep, reason
 
 
 def _integrator(clipped: bool, check: Preflight) -> tuple[str, str]:
     """Choose the integrator from the scene alone, whatever step is given, and say why."""
-    if clipped or check.folded_step < STIFF:
+    if clipped or check.largest_explicit_step < STIFF:
         return "ars343", implicit_reason(check)
-    if check.largest_explicit_step < STIFF:
-        limit = f"{check.spring_step:.2g} s{_by(check)}"
-        return "dop853", f"springs between bodies limit any step to {limit}: order 8 finds its own"
     return "dop853", "nothing is stiff: order 8"
 
 
@@ -249,8 +235,8 @@ def _by(check: Preflight) -> str:
 def coupled_limit(mobility: np.ndarray, dampings: np.ndarray, springs: np.ndarray) -> float:
     """Compute the limit of all joints together [s].
 
-    mobility (n, n) = M^-1 [1/(kg m^2)], one damper and spring for each joint.  With springs between bodies, mobility =
-    J M^-1 J' has a row for each of them too [1/kg].
+    mobility (n, n) = M^-1 [1/(kg m^2)], one damper and spring for each joint.  With tendons, mobility = J M^-1 J' has a
+    row for each of them too [1/kg].
     """
     largest = [max(np.linalg.eigvals(mobility * x).real, default=0.0) for x in (dampings, springs)]
     damped = 2.0 / largest[0] if largest[0] > 0 else np.inf
@@ -265,44 +251,25 @@ def joint_limit(name: str, inertia: float, dampings: dict[str, float], springs: 
     return min(limits, key=lambda limit: limit.step)
 
 
-def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[Spring]) -> np.ndarray:
-    """Compute J M^-1 J' (n + springs, ...), the accelerations of joints and springs' lengths by forces on them.
+def joint_mobility(model: Model, armature: np.ndarray | None, tendons: Sequence[Tendon]) -> np.ndarray:
+    """Compute J M^-1 J' (n + tendons, ...), the accelerations of joints and tendons' lengths by forces on them.
 
-    It is that of the `regular_posture`.  J holds the joints' own directions, then how fast each spring lengthens.  With
+    It is that of the `regular_posture`.  J holds the joints' own directions, then how fast each tendon lengthens.  With
     couplings M^-1 is G (G' M G)^-1 G', G of `coupling_matrix`.
     """
-    found = _mobility(model.skeleton, None if armature is None else armature.tobytes(), tuple(springs))
+    found = _mobility(model.skeleton, None if armature is None else armature.tobytes(), tuple(tendons))
     return found.copy()
 
 
 @functools.lru_cache(maxsize=8)
-def _mobility(model: Model, rotors: bytes | None, springs: tuple[Spring, ...]) -> np.ndarray:
+def _mobility(model: Model, rotors: bytes | None, tendons: tuple[Tendon, ...]) -> np.ndarray:
     armature = None if rotors is None else np.frombuffer(rotors)
     n, q = len(model.moving_joints), regular_posture(model)
-    J = np.zeros((n + len(springs), model.nv))
+    J = np.zeros((n + len(tendons), model.nv))
     J[:n, model.nv - n :] = np.eye(n)
-    if springs:
-        J[n:] = _lengthening(model, springs, q)
+    if tendons:
+        J[n:] = rows_of(model, q, tendons)
     M, G = mass_matrix_at(model, q, armature), coupling_matrix(model).matrix
     if len(G) > len(G.T):
         M, J = product(product(G.T, M), G), product(J, G)
     return product(J, solve(M, J.T))
-
-
-def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.ndarray:
-    """Compute dl/dt of each spring by velocity (springs, nv).
-
-    It is the generalized force that holds the robot against a pull of 1 N of the spring.
-    """
-    still, rotation = np.zeros(model.nv), forward_kinematics(model, q).rotation
-    alone: dict[str, Any] = {"stiffness": np.zeros(len(model.joint_names)), "gravity": (0.0, 0.0, 0.0)}
-    rows = []
-    for s, d in zip(springs, spring_vectors(model, springs, q)):
-        length = math.sqrt(dot(d, d))
-        pull = d / length if length > 0 else d
-        wrench = {
-            link: Wrench(force, cross(applied(rotation[model.link_index(link)], np.array(point)), force))
-            for link, point, force in ((s.a, s.point_a, pull), (s.b, s.point_b, -pull))
-        }
-        rows.append(inverse_dynamics(model, q, still, still, wrench=wrench, **alone))
-    return np.array(rows)

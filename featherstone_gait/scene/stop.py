@@ -15,15 +15,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from ..core.effects.stop import STOP, STOP_DEPTH
-from ..model import Model
+from ..model import Joint, Model
 from .actuator import Drive, stall_torque
 from .records import records
 
 LEVER = 0.1  # [m]; of the robot's weight on a joint whose strongest torque is not known
+NO_LIMIT = 1e300  # [rad or m]
 CRITICAL_DEPTH = 0.001  # [rad or m] at which a stop is critically damped
 
 
@@ -37,13 +39,27 @@ def build_stops(model: Model, drive: Drive, inertias: Sequence[float], g: float)
         return None
     table = records(len(joints), STOP)
     for row, joint, servo, inertia in zip(table, joints, drive.servos, inertias):
-        row.lower, row.upper = max(joint.lower, -1e300), min(joint.upper, 1e300)
-        # that of the servo, else of the file, else such that the robot's weight at LEVER, or on a slider, sinks in by
-        # LEVER * STOP_DEPTH; without gravity the weight on Earth
+        row.lower, row.upper = max(joint.lower, -NO_LIMIT), min(joint.upper, NO_LIMIT)
         torque = stall_torque(servo) if servo else math.inf
-        if torque == math.inf:
-            lever = 1.0 / LEVER if joint.type == "prismatic" else LEVER
-            torque = joint.effort if joint.effort < 1e3 else model.mass * (g or 9.81) * lever
-        row.stiffness = max(torque, 1e-6) / STOP_DEPTH
-        row.damping = 2.0 * math.sqrt(inertia / row.stiffness) / CRITICAL_DEPTH
+        fill_stop(row, load_of(joint, model, g) if torque == math.inf else torque, inertia)
     return table
+
+
+def load_of(joint: Joint | None, model: Model, g: float) -> float:
+    """Return what drives a joint into its stop [N m or N]; None: what slides.
+
+    That is the effort of the file, else such that the robot's weight at LEVER, or on a slider, sinks in by
+    LEVER * STOP_DEPTH; without gravity the weight on Earth.
+    """
+    lever = 1.0 / LEVER if joint is None or joint.type == "prismatic" else LEVER
+    known = joint is not None and joint.effort < 1e3
+    return joint.effort if joint is not None and known else model.mass * (g or 9.81) * lever
+
+
+def fill_stop(row: Any, torque: float, inertia: float, ratio: float = 1.0) -> None:
+    """Set the stiffness under the strongest torque [N m or N] of a joint, and the damping.
+
+    ratio: of the length that has the stop, by the joint's position.
+    """
+    row.stiffness = max(torque, 1e-6) / (STOP_DEPTH * ratio * ratio)
+    row.damping = 2.0 * math.sqrt(inertia / row.stiffness) / (CRITICAL_DEPTH * ratio)

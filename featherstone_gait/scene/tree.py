@@ -25,10 +25,11 @@ class Tree(NamedTuple):
     floating: bool
     names: tuple[str, ...]  # of the rows: the root link, then each joint's child
     placements: dict[str, Placement]  # of every link
-    rows: int  # of the workspace: bodies, slots, contact rows, couplings
+    rows: int  # of the workspace: bodies, slots, contact rows, couplings, tendons
     coupling: np.recarray | None  # (couplings,) COUPLING
     trees: np.recarray | None = None  # (trees,) TREE of a scene of several trees
     balls: np.ndarray | None = None  # (balls,) first coordinate of each ball joint
+    tendons: int = 0  # the last rows are theirs
 
     @property
     def n(self) -> int:
@@ -57,7 +58,12 @@ class Tree(NamedTuple):
 
     def workspace_shape(self) -> tuple[int, int]:
         """Return rows and columns of the workspace."""
-        return (self.rows, COLUMNS + (0 if self.coupling is None else len(self.coupling)))
+        return (self.rows, self.columns + self.tendons)
+
+    @property
+    def columns(self) -> int:
+        """Columns of the workspace without those of tendons."""
+        return COLUMNS + (0 if self.coupling is None else len(self.coupling))
 
 
 def compile_tree(model: Model) -> Tree:

@@ -65,5 +65,4 @@ def _midpoint_workspace(sizes, zeros):
 
 
 IMPLICIT_EULER = Integrator("implicit_euler", 1, _euler_workspace)
-# It predicts by the last acceleration: of dampers between bodies half, of springs sqrt(1/2) of Euler's step.
-MIDPOINT = Integrator("midpoint", 2, _midpoint_workspace, theta=0.5, ties=0.5, folds_spring=True, rings=True)
+MIDPOINT = Integrator("midpoint", 2, _midpoint_workspace, theta=0.5, folds_spring=True, rings=True)

@@ -60,7 +60,6 @@ class Integrator(NamedTuple):
     least_step: float = 1e-15  # that error control may take [s]
     second_run: bool = False  # at ten times the tolerance of a first run, whose error it estimates
     stability: float = math.inf  # largest stable step over the limit of semi-implicit Euler, of dampers and of springs
-    ties: float = 1.0  # the same of an implicit method for springs between bodies, which it takes explicitly
     folds_spring: bool = False  # takes springs of joints and continuous servos at the end of the step always
     soft: bool = False  # takes all forces explicitly: dry friction cannot be steep
     rings: bool = False  # alternates about the right mean after an impact

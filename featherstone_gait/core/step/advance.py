@@ -14,6 +14,7 @@ from ..effects.gear_friction import GearFriction
 from ..effects.joint_spring import plus_spring
 from ..effects.pair import move_pairs
 from ..effects.stop import move_stop
+from ..effects.tendon import UN, move_tendons
 from ..tree.ball import move_balls
 from ..tree.forest import base_of, is_fixed, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, move_base
@@ -59,6 +60,7 @@ def advance(step):
     """Move the state over the step that `solve_step` has solved."""
     y, offsets, (first, end) = step.y, step.offsets, joints_of(step.part, step.scene.tree)
     move_contacts(step.scene.contact, step)
+    move_tendons(step.scene.tendons, step, UN)
     for i in range(first, end):
         v = step.Z[VN, i]
         w = rotor_speed(rotor_of(step.actuator), step.Z, WN, i, v)
@@ -67,7 +69,7 @@ def advance(step):
     for i in range(first, end):
         a = with_predicted(step.predicted, step.Z[DA, i], y[offsets.qdd + i])
         dv = step.h * a
-        _watch(any_present(acting(step), step.scene.springs), offsets, y, i, dv)
+        _watch(acting(step), offsets, y, i, dv)
         y[offsets.qdd + i] = a
         y[offsets.q + i] += step.h * step.Z[VN, i]
         y[offsets.qd + i] += dv

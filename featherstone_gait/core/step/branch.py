@@ -7,11 +7,14 @@ from ..effects.friction import friction_branch
 from ..effects.gear_friction import GearFriction, gear_branch
 from ..effects.pair import pair_branch, place_pairs
 from ..effects.stop import stop_branch
-from ..tree.forest import joint_count, joints_of, points_of
+from ..effects.tendon import U0 as TENDON_U0
+from ..effects.tendon import UN as TENDON_UN
+from ..effects.tendon import tendon_branch
+from ..tree.forest import joint_count, joints_of, points_of, tendons_of
 from .context import of_tree
-from .island import lookahead
-from .newton import VN, VP, WK, WN, loads, predict, rotor_speed
+from .newton import VN, VP, WK, WN, loads, lookahead, place_tendons_at, predict, rotor_speed
 
+TENDONS = 1000000  # weights of tendons come after those of points
 GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, have no sum in common
 
 
@@ -27,6 +30,7 @@ def branches(contact, pairs, step):
         angle = step.y[step.offsets.q + i]
         key = key + _weight(3 * i + 1) * stop_branch(step.scene.stops, i, angle, v, step.h_implicit)
         key = key + _weight(3 * i + 2) * friction_branch(step.scene.friction, step, i, v, w)
+    key = _tendon_branches(step.scene.tendons, step, 3 * n + TENDONS, key)
     if contact is not None:
         for c in range(len(contact.points)):
             key = key + _weight(3 * n + c) * contact_branch(contact, step, c)
@@ -35,6 +39,16 @@ def branches(contact, pairs, step):
             c = step.pool.placed[i]
             pair = pairs.pairs[step.pool.pair[c]]
             key = key + _weight(3 * n + 1000 + c) * pair_branch(pairs.turning, pair, step, c)
+    return key
+
+
+@inline
+def _tendon_branches(tendons, step, first, key):
+    if tendons is None:
+        return key
+    for c in range(len(tendons.table)):
+        u = step.W[tendons.table[c].row, TENDON_UN]
+        key = key + _weight(first + c) * tendon_branch(tendons, c, step, u)
     return key
 
 
@@ -71,6 +85,8 @@ def _begin_tree(contact, step):
     """Take the predicted velocities of a tree for those of the solution."""
     predict(step.predicted, rotor_of(step.actuator), step)
     place_contacts(contact, step.predicted, step)
+    place_tendons_at(step)
+    _hold_tendons(step.scene.tendons, step)
     first, end = joints_of(step.part, step.scene.tree)
     for i in range(first, end):
         step.Z[VN, i], step.Z[WN, i] = step.Z[VP, i], step.Z[WK, i]
@@ -81,6 +97,15 @@ def _begin_tree(contact, step):
         for c in range(point, end_point):
             for k in range(3):
                 step.C[c, UN + k] = step.C[c, U0 + k]
+
+
+@inline
+def _hold_tendons(tendons, step):
+    if tendons is not None:
+        first, end = tendons_of(step.part, tendons.table)
+        for c in range(first, end):
+            row = tendons.table[c].row
+            step.W[row, TENDON_UN] = step.W[row, TENDON_U0]
 
 
 @inline

@@ -13,12 +13,14 @@ import numpy as np
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
 from ..compile.structure import structure
+from ..effects.tendon import lines_of
 from ..tree.aba import articulated_pass, constrain
 from ..tree.ball import ball_positions, move_balls
 from ..tree.forest import base_of
 from ..tree.kinematics import base_acceleration, motion_pass, move_base, pose_pass
 from ..tree.layout import Motion
 from ..tree.loop import GAP, IN_STEP, SPEED, close, fill_loops, keep_factors, move_by, solve_rows
+from ..tree.rank_one import release_rows
 
 MOVES = 12  # at most
 SMALL = 1e-10  # gap [m or rad], and speed of it by the fastest coordinate, of which one move leaves rounding
@@ -62,10 +64,10 @@ def close_loops(loops, contact, step):
     if loops is not None:
         scene, work = step.scene, step.closing
         scratch = work.responses, work.roots, work.matrix
-        close(scene, loops.part[0], contact, loops.table, IN_STEP, step.W, work.rows, scratch, work.force)
+        lines = lines_of(scene.tendons)
+        close(scene, loops.part[0], contact, loops.table, lines, IN_STEP, step.W, work.rows, scratch, work.force)
+        release_rows(lines, scene.tree, loops.part[0], len(work.rows), 0, step.W, work.responses, work.roots)
         keep_factors(loops.part[0], scene.tree, step.W, work.factors)
-        for r in range(len(work.force)):
-            step.y[step.offsets.loop_force + r] = work.force[r]
 
 
 @kernel
@@ -82,7 +84,7 @@ def factor_at(loops, scene, offsets, scratch, y):
     constrain(scene.coupling, None, bq, None, scene.tree, W)
     fill_loops(loops.table, scene.gravity, bq, W, work.rows)
     found = work.responses, work.roots, work.matrix
-    close(scene, loops.part[0], None, loops.table, IN_STEP, W, work.rows, found, work.push)
+    close(scene, loops.part[0], None, loops.table, None, IN_STEP, W, work.rows, found, work.push)
     keep_factors(loops.part[0], scene.tree, W, work.factors)
 
 

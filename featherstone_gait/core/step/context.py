@@ -31,7 +31,6 @@ class Scene(NamedTuple):
     stops: np.ndarray | None  # (n,) STOP
     contact: tuple | None  # Contact
     push: np.ndarray | None  # (pushes,) PUSH
-    springs: np.ndarray | None  # (springs,) SPRING, between bodies
     coupling: np.ndarray | None = None  # (couplings,) COUPLING
     firmware: Firmware = Firmware()
     supply: np.ndarray | None = None  # (1,) SUPPLY
@@ -41,6 +40,7 @@ class Scene(NamedTuple):
     pairs: tuple | None = None  # Pairs: shapes that may touch; a scene that has any has `trees`
     balls: np.ndarray | None = None  # (balls,) first coordinate of each ball joint
     loops: tuple | None = None  # Loops, of a scene of one robot
+    tendons: tuple | None = None  # Tendons, with springs between bodies
 
 
 @structure
@@ -76,7 +76,7 @@ class Scratch(NamedTuple):
     W: np.ndarray  # tree: see tree/layout.py
     Z: np.ndarray  # joints: see newton.py
     C: np.ndarray  # contact points: see effects/contact.py
-    F: np.ndarray  # pushes and springs (bodies, 6)
+    F: np.ndarray  # pushes and what bears weight (bodies, 6)
     pool: tuple | None  # Pool of pairs: see effects/pair.py
     closing: tuple | None  # Closing of loops: see closure.py
 
@@ -145,9 +145,9 @@ def with_bodies(step, tree):
     s = step.scene
     scene = Scene(
         tree=tree, floating=s.floating, gravity=s.gravity, actuator=s.actuator, decay=s.decay, armature=s.armature,
-        friction=s.friction, stops=s.stops, contact=s.contact, push=s.push, springs=s.springs, coupling=s.coupling,
+        friction=s.friction, stops=s.stops, contact=s.contact, push=s.push, coupling=s.coupling,
         firmware=s.firmware, supply=s.supply, joint_springs=s.joint_springs, lifts=s.lifts, trees=s.trees,
-        pairs=s.pairs, balls=s.balls, loops=s.loops,
+        pairs=s.pairs, balls=s.balls, loops=s.loops, tendons=s.tendons,
     )  # fmt: skip
     return Step(
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,

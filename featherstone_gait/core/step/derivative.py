@@ -16,6 +16,7 @@ from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.joint_spring import plus_spring
 from ..effects.pair import pair_rates
 from ..effects.stop import stop_rates
+from ..effects.tendon import U0, linearize_tendons, move_tendons, place_tendons
 from ..tree.aba import acceleration_pass
 from ..tree.ball import ball_positions, ball_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
@@ -65,6 +66,9 @@ def _forces(step, dy):
         others, _ = plus_spring(scene.joint_springs, step, i, speed, others, 0.0)
         step.Z[TAU, i] = T + others
     contact_rates(scene.contact, step, dy)
+    place_tendons(scene.tendons, step, q, v, 0.0)
+    linearize_tendons(scene.tendons, step)
+    move_tendons(scene.tendons, step, U0)
 
 
 @inline
@@ -74,7 +78,7 @@ def _rates(contact, step, dy):
     n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     v, a = y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
-    external_forces(scene.push, scene.springs, scene.lifts, step)
+    external_forces(scene.push, scene.lifts, step)
     articulate(_armature(scene.friction, step), contact, step)
     place_loops(scene.loops, bq, step)
     close_loops(scene.loops, contact, step)

@@ -37,7 +37,9 @@ from ..effects.pair import (
     shift_pair,
     solve_pair,
 )
+from ..effects.tendon import lines_of, release_tendons
 from ..tree.aba import acceleration_pass
+from ..tree.rank_one import unbind
 from ..tree.rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, product
 from ..tree.spatial import load3, scale, sub
 from .context import of_tree, with_bodies
@@ -54,7 +56,9 @@ from .newton import (
     fill_solution,
     find_velocities,
     linearize,
+    lookahead,
     move_iterate,
+    place_tendons_at,
     predict,
     prepare,
 )
@@ -68,7 +72,8 @@ def solve_islands(pairs, step):
         part = of_tree(step, trees[k])
         predict(step.predicted, rotor_of(step.actuator), part)
         place_contacts(scene.contact, step.predicted, part)
-    external_forces(scene.push, scene.springs, scene.lifts, step)
+        place_tendons_at(part)
+    external_forces(scene.push, scene.lifts, step)
     if any_lane(step.y[step.offsets.pair] > 0.0):
         place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
         find_islands(pairs, step)
@@ -91,14 +96,6 @@ def _each_alone(pool, count):
     for k in range(count):
         pool.island[k], pool.trees[k], pool.first_tree[k], pool.first_point[k] = k, k, k, 0
     pool.first_tree[count], pool.first_point[count] = count, 0
-
-
-@inline
-def lookahead(predicted, h):
-    """Return how long after the step's start the poses are those of W [s]."""
-    if predicted is None:
-        return 0.0
-    return h
 
 
 # ---------------------------------------------------------------------------------------------- who touches whom
@@ -252,6 +249,7 @@ def _solve_linear(n, rotor, contact, pairs, step):
     _solve_rows(n, pairs, step)
     for i in range(first, end):
         part = of_tree(step, scene.trees[pool.trees[i]])
+        release_tendons(scene.tendons, part)
         acceleration_pass(scene.tree, part.part, step.W, step.Z[DA])
         fill_solution(rotor, part)
     for i in range(pool.first_point[n], pool.first_point[n + 1]):
@@ -396,8 +394,11 @@ def _respond(k, pairs, step):
             add_force(tree, a, pair.body_a, load3(pool.C, c, XP), d, r + m, 0, W, pool.responses, pool.roots)
             add_force(tree, b, pair.body_b, load3(pool.C, c, XB), back, r + m, side, W, pool.responses, pool.roots)
     answer_root(scene, a, True, r, 3, 0, W, pool.responses, pool.roots)
+    lines = lines_of(scene.tendons)
+    unbind(lines, tree, a, r, 3, 0, W, pool.responses, pool.roots)
     if side == 1:
         answer_root(scene, b, True, r, 3, 1, W, pool.responses, pool.roots)
+        unbind(lines, tree, b, r, 3, 1, W, pool.responses, pool.roots)
 
 
 @kernel

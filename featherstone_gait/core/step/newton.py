@@ -16,8 +16,7 @@ When a pass overshoots, a line search along it restores descent: the inertial fo
 equals the linear model's T at each solution, so its value along the line costs nothing.
 
 v_p is the velocity for which the bias is taken: that of the start (Euler), or extrapolated with the last step's
-acceleration (midpoint), which makes the step second order with one evaluation.  Springs between bodies are taken at
-that state like the bias, outside the fold: the step is then limited as an explicit one is.
+acceleration (midpoint), which makes the step second order with one evaluation.
 
 Joints that follow others confine v to a subspace, and loops to one beside it (J v is given), in which the function is
 as convex.  Each pass ends in it, so that forces of couplings and loops do no work along a pass: neither its slope nor
@@ -44,8 +43,17 @@ from ..effects.friction import direction, friction_torque, snap_to_rest
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.joint_spring import plus_spring
 from ..effects.push import add_pushes
-from ..effects.spring import add_springs
 from ..effects.stop import stop_torque
+from ..effects.tendon import (
+    bind_tendons,
+    compare_tendons,
+    linearize_tendons,
+    place_tendons,
+    release_tendons,
+    shift_tendons,
+    solved_tendons,
+    tendon_slope,
+)
 from ..tree.aba import acceleration_pass, articulated_pass, constrain
 from ..tree.ball import ball_positions, last_balls, move_balls
 from ..tree.forest import base_count, base_index, base_of, joint_count, joints_of
@@ -92,25 +100,39 @@ def solve_step(step):
     """
     predict(step.predicted, rotor_of(step.actuator), step)
     place_contacts(step.scene.contact, step.predicted, step)
-    external_forces(step.scene.push, step.scene.springs, step.scene.lifts, step)
+    place_tendons_at(step)
+    external_forces(step.scene.push, step.scene.lifts, step)
     forces = any_present(any_present(acting(step), step.tau), step.scene.contact)
     find_velocities(forces, rotor_of(step.actuator), step.scene.contact, step)
 
 
 @inline
-def external_forces(push, springs, lifts, step):
-    """Fill F (n + 1, 6) with pushes, springs and lifts, as [moment; force] about the common origin, if there are any.
+def place_tendons_at(step):
+    """Fill lengths and speeds of tendons at the predicted state."""
+    q = step.y[step.offsets.q :]
+    place_tendons(step.scene.tendons, step, q, step.Z[VP], lookahead(step.predicted, step.h_implicit))
+
+
+@inline
+def lookahead(predicted, h):
+    """Return how long after the step's start the poses are those of W [s]."""
+    if predicted is None:
+        return 0.0
+    return h
+
+
+@inline
+def external_forces(push, lifts, step):
+    """Fill F (n + 1, 6) with pushes and lifts, as [moment; force] about the common origin, if there are any.
 
     It is the sum of all external forces on the bodies that are not folded into the step.
     """
-    if push is not None or springs is not None or lifts is not None:
+    if push is not None or lifts is not None:
         for i in range(len(step.F)):
             for k in range(6):
                 step.F[i, k] = 0.0
     if push is not None:
         add_pushes(push, step.t, step.span, step.W, step.F)
-    if springs is not None:
-        add_springs(springs, step.W, step.F)
     if lifts is not None:
         add_pushes(lifts, step.t, step.span, step.W, step.F)
 
@@ -118,7 +140,7 @@ def external_forces(push, springs, lifts, step):
 @inline
 def acting(step):
     """Return True, None where only gravity, bias forces and torques from outside act on the joints."""
-    own = any_present(step.scene.stops, step.scene.joint_springs)
+    own = any_present(step.scene.stops, any_present(step.scene.joint_springs, step.scene.tendons))
     return any_present(step.actuator, any_present(step.scene.friction, own))
 
 
@@ -294,18 +316,22 @@ def accelerations(diagonal, contact, step, qdd):
     """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
     articulate(diagonal, contact, step)
     close_loops(step.scene.loops, contact, step)
+    release_tendons(step.scene.tendons, step)
     acceleration_pass(step.scene.tree, step.part, step.W, qdd)
 
 
 @inline
 def articulate(diagonal, contact, step):
-    """Do the first of these passes, and what couples joints; contact None leaves contact rows out of account."""
+    """Do the first of these passes, and what couples joints; contact None leaves contact rows out of account.
+
+    With tendons `release_tendons` comes before the second.
+    """
     scene, part = step.scene, step.part
     base_q = base_of(scene.floating, part, step.y, step.offsets.base_q, 7)
-    external = any_present(scene.push, any_present(scene.springs, scene.lifts))
-    wrench = only_if(external, step.F)
+    wrench = only_if(any_present(scene.push, scene.lifts), step.F)
     articulated_pass(scene.tree, part, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
     constrain(scene.coupling, part, base_q, contact, scene.tree, step.W)
+    bind_tendons(scene.tendons, contact, step)
 
 
 @kernel
@@ -328,6 +354,7 @@ def linearize(rotor, step):
             Z[FW0, i] = F + (cr + cg) * w - cg * v
             Z[FWW, i] = cr + cg
             Z[FWV, i] = cg
+    linearize_tendons(step.scene.tendons, step)
 
 
 @kernel
@@ -365,6 +392,7 @@ def fill_solution(rotor, step):
             Z[WN, i] = w
             Z[FLW, i] = Z[FW0, i] - Z[FWW, i] * w + Z[FWV, i] * v
     solved_contacts(step.scene.contact, step)
+    solved_tendons(step.scene.tendons, step, Z[DA])
 
 
 # ---------------------------------------------------------------------------------------------- convergence
@@ -385,6 +413,7 @@ def compare(rotor, contact, step):
         if rotor is not None:
             wrong = wrong | (abs(F - Z[FLW, i]) > step.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
             slope = slope + (w - Z[WK, i]) * (Z[FLW, i] - F)
+    wrong, slope = compare_tendons(step.scene.tendons, step, wrong, slope)
     return compare_contacts(contact, step, wrong, slope)
 
 
@@ -412,7 +441,7 @@ def descent_slope(rotor, contact, step, fraction):
         slope = slope + p * (Z[RT, i] + fraction * (Z[TL, i] - Z[RT, i]) - T)
         if rotor is not None:
             slope = slope + pw * (Z[RW, i] + fraction * (Z[FLW, i] - Z[RW, i]) - F)
-    return contact_slope(contact, step, fraction, slope)
+    return contact_slope(contact, step, fraction, tendon_slope(step.scene.tendons, step, fraction, slope))
 
 
 @kernel
@@ -429,6 +458,7 @@ def move_iterate(rotor, contact, step, fraction, active):
             _shift(Z, WK, WN, i, fraction, active)
             _shift(Z, RW, FLW, i, fraction, active)
     shift_contacts(contact, step, fraction, active)
+    shift_tendons(step.scene.tendons, step, fraction, active)
 
 
 @inline

@@ -25,7 +25,7 @@ from .pace import PACE
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
 Of = Literal[
     "base", "ball", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot",
-    "turning", "pairs", "row",
+    "turning", "pairs", "tendon",
 ]  # fmt: skip
 
 
@@ -36,8 +36,7 @@ class Channel(NamedTuple):
     kind: Kind
     of: Of  # what has it: each floating base, ball joint, joint, joint with a servo or rotor, contact point, tree, the
     # run, the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
-    # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, and each row of a
-    # loop
+    # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, and each tendon
     width: int  # numbers each
     unit: str
     what: str
@@ -79,12 +78,12 @@ CHANNELS = (
     Channel("base_qdd", "derived", "base", 6, "m/s², rad/s²", "rates of base_qd"),
     Channel("qdd", "derived", "joint", 1, "rad/s² or m/s²", "joint accelerations"),
     Channel("torque", "derived", "joint", 1, "N m or N", "what drives a joint: actuator and torques from outside"),
-    Channel("loop_force", "derived", "row", 1, "N or N m", "force of a loop on its first link, moments after forces"),
     Channel("contact_force", "derived", "point", 3, "N", "force of the ground on a contact point", _FORCE),
     Channel("pair_force", "derived", "slot", 3, "N", "force between bodies on the first, world axes", tuple("xyz")),
     Channel("pair_normal_force", "derived", "slot", 1, "N", "its part along the normal"),
     Channel("pair_gap", "derived", "slot", 1, "m", "gap of the surfaces, negative where they overlap"),
     Channel("pair_position", "derived", "slot", 3, "m", "where the force acts, world frame", tuple("xyz")),
+    Channel("tendon_force", "derived", "tendon", 1, "N or N m", "force along a tendon, positive where it lengthens it"),
     Channel("velocity_change", "watched", "joint", 1, "rad/s or m/s", "last change of qd"),
     Channel("chatter", "watched", "joint", 1, "rad/s or m/s", "running mean of alternating less lasting changes of qd"),
     Channel("worst_chatter", "watched", "joint", 1, "rad/s or m/s", "the largest chatter so far"),
@@ -94,6 +93,7 @@ CHANNELS = (
     Channel("status", "run", "run", 1, "-", "how the run has ended"),
     Channel("end_time", "run", "run", 1, "s", "time reached, of a run that failed the time of that"),
     Channel("power", "computed", "joint", 1, "W", "mechanical power on the joint", (), ("torque", "qd"), np.multiply),
+    Channel("tendon_length", "computed", "tendon", 1, "m or rad", "lengths of tendons", (), ("base_q", "q")),
     Channel("clearance", "computed", "run", 1, "m", "least distance of shapes that can meet", (), ("base_q", "q")),
 )
 BY_NAME = {channel.name: channel for channel in CHANNELS}

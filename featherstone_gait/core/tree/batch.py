@@ -116,7 +116,7 @@ def closed_rows(robot, loops, motion, given, scratch, out):
         push = item(wrench, i)
         articulated_pass(robot.tree, part, at.base_q, item(base_tau, i), tau[i], robot.armature, push, None, W[0])
         constrain(robot.coupling, part, at.base_q, None, robot.tree, W[0])
-        close(robot, part, None, loop, EXACT, W[0], rows, (responses, roots, L), forces[i])
+        close(robot, part, None, loop, None, EXACT, W[0], rows, (responses, roots, L), forces[i])
         acceleration_pass(robot.tree, part, W[0], qdd[i])
         base_acceleration(0, item(base_qdd, i), W[0])
 

@@ -52,13 +52,13 @@ def couple(inertia, coupling, part, tree, W):
         row = coupling[c].row
         for j in range(first, c):
             other = coupling[j].row
-            a = _product(rows, (other, COLUMNS + j), (row, DA, COLUMNS + c), W) / W[other, SIZE]
-            _take(rows, a, (other, COLUMNS + j), (row, DA, COLUMNS + c), W)
+            a = product(rows, (other, COLUMNS + j), (row, DA, COLUMNS + c), W) / W[other, SIZE]
+            take(rows, a, (other, COLUMNS + j), (row, DA, COLUMNS + c), W)
             for k in range(6):
                 W[row, ROOT + k] -= a * W[other, ROOT + k]
-        W[row, SIZE] = _product(rows, (row, COLUMNS + c), (row, DA, COLUMNS + c), W)
-        a = _product(rows, (row, COLUMNS + c), (rows[0], U, UU), W) / W[row, SIZE]
-        _take(rows, a, (row, COLUMNS + c), (rows[0], U, UU), W)
+        W[row, SIZE] = product(rows, (row, COLUMNS + c), (row, DA, COLUMNS + c), W)
+        a = product(rows, (row, COLUMNS + c), (rows[0], U, UU), W) / W[row, SIZE]
+        take(rows, a, (row, COLUMNS + c), (rows[0], U, UU), W)
 
 
 @inline
@@ -69,8 +69,8 @@ def _respond(inertia, k, column, part, tree, W):
         W[i, column] = 0.0
     for i in range(DA + 6):
         W[k.row, i] = 0.0
-    _push(tree, root, k.body, 1.0, column, k.row, W)
-    _push(tree, root, k.leader, -k.multiplier, column, k.row, W)
+    push_torque(tree, root, k.body, 1.0, column, k.row, W)
+    push_torque(tree, root, k.leader, -k.multiplier, column, k.row, W)
     if inertia is not None:
         J, H, M = inertia
         if not is_fixed(part):
@@ -80,7 +80,7 @@ def _respond(inertia, k, column, part, tree, W):
 
 
 @kernel
-def _push(tree, root, i, torque, column, row, W):
+def push_torque(tree, root, i, torque, column, row, W):
     """Add what a torque on the joint of body i leaves on its way to the root."""
     u = torque + 0.0 * W[i, DINV]
     n, f = (0.0 * u, 0.0 * u, 0.0 * u), (0.0 * u, 0.0 * u, 0.0 * u)
@@ -97,7 +97,7 @@ def _push(tree, root, i, torque, column, row, W):
 
 
 @kernel
-def _product(rows, coupling, other, W):
+def product(rows, coupling, other, W):
     """Return e' A^-1 t of a coupling (row, column) and of what left u in a column and dA in (row, first)."""
     (row, column), (other_row, first, u) = coupling, other
     total = 0.0 * W[row, ROOT]
@@ -109,7 +109,7 @@ def _product(rows, coupling, other, W):
 
 
 @kernel
-def _take(rows, a, coupling, other, W):
+def take(rows, a, coupling, other, W):
     """Take `a` times a coupling from what left u and dA: arguments as of `_product`."""
     (row, column), (other_row, first, u) = coupling, other
     for i in range(rows[0] + 1, rows[1]):

@@ -24,6 +24,8 @@ TREE = record(
     end_coupling=int,
     ball=int,  # first ball joint
     end_ball=int,
+    tendon=int,  # first tendon
+    end_tendon=int,
     falls=int,  # 1 = it can fall
     min_height=float,  # of the center of mass over the ground, along its normal [m]; below it the robot has fallen
     min_upright=float,  # cosine of the base's tilt; below it the robot has fallen
@@ -73,6 +75,14 @@ def balls_of(part, balls):
     if part is None:
         return 0, len(balls)
     return part.ball & LARGEST, part.end_ball & LARGEST
+
+
+@inline
+def tendons_of(part, tendons):
+    """Return the first tendon and the one after the last."""
+    if part is None:
+        return 0, len(tendons)
+    return part.tendon & LARGEST, part.end_tendon & LARGEST
 
 
 @inline

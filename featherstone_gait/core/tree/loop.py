@@ -19,6 +19,7 @@ from .coupling import DA
 from .forest import rows_of
 from .joint import accelerate, along
 from .layout import DINV, A, P, R, U, V
+from .rank_one import unbind
 from .rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, product
 from .spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub
 
@@ -245,10 +246,11 @@ def _add_end(tree, i, t, d, x, r, W, base_J, J):
 
 
 @kernel
-def close(robot, part, contact, loop, softness, W, rows, scratch, force):
+def close(robot, part, contact, loop, lines, softness, W, rows, scratch, force):
     """Let forces of the loops act on the solution that the first pass and the couplings have left.
 
-    part: TREE; contact: as the first pass had it; softness: EXACT or IN_STEP; rows as `fill_loops` has filled them;
+    part: TREE; contact: as the first pass had it; lines: records of what rank_one.py has bound to the factors, or None;
+    softness: EXACT or IN_STEP; rows as `fill_loops` has filled them;
     scratch: responses (m, 1, n + 1), roots (m, 1, 12), L (m, m + 2); force (m,) [N or N m] becomes the force or moment
     of each row on body a along its direction.
     """
@@ -271,6 +273,7 @@ def close(robot, part, contact, loop, softness, W, rows, scratch, force):
                 if k.b >= 0:
                     add_force(tree, part, k.b, load3(rows, r, PB), back, r, 0, W, responses, roots)
     answer_root(robot, part, contact, 0, m, 0, W, responses, roots)
+    unbind(lines, tree, part, 0, m, 0, W, responses, roots)
     for r in range(m):
         for s in range(r + 1):
             L[r, s] = product(part, tree, r, 0, s, 0, W, responses, roots)

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from ...base.flaws import quoted
-from . import equalities, loops
-from .tree import BALL, FREE, NO_DAMPERS, NO_SPRINGS, Tree, moving_trees, vector
+from . import equalities, loops, tendons
+from .tree import BALL, FREE, NO_DAMPERS, NO_LIMITS, NO_SPRINGS, Tree, moving_trees, vector
 
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
-NO_CONSTRAINTS, NO_FRICTION, NO_LIMITS = 1 << 0, 1 << 2, 1 << 3
+NO_CONSTRAINTS, NO_FRICTION = 1 << 0, 1 << 2
 NO_GRAVITY = 1 << 7
 
 
@@ -42,7 +42,7 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     drawn = [equalities.title(m, k) for k in equalities.active(m) if equalities.follows_mocap(m, k)]
     if drawn:
         yield f"ignored equalities {', '.join(drawn)}, which attach a body to a mocap body: not supported"
-    yield from _tendons(m)
+    yield from tendons.tendon_doubts(m, tree)
     yield from _nonlinear(m, tree)
     yield from _free_joint(m)
     yield from _ball_joints(m, tree)
@@ -131,8 +131,7 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
     fixed = [b for b in range(1, m.nbody) if not tree.holds(m, b) and m.body_rootid[b] not in tree.left]
     if fixed:
         yield f"ignored bodies {quoted([tree.bodies[b] for b in fixed])}, which are fixed to the world"
-    if m.ntendon:
-        yield f"skipped {m.ntendon} tendons"
+    yield from tendons.tendon_notes(m, tree)
     for count, what in ((m.nsensor, "sensors"), (m.nsite, "sites"), (m.ncam, "cameras"), (m.nlight, "lights")):
         if count:
             yield f"skipped {count} {what}"
@@ -145,20 +144,3 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
     off = m.neq - len(equalities.active(m))
     if off:
         yield f"skipped {off} equalities that are not active"
-
-
-def _tendons(m: Any) -> Iterator[str]:
-    """Yield one sentence for each effect of tendons that is ignored."""
-    acting: dict[str, list[str]] = {}
-    for t in range(m.ntendon):
-        acts = [what for what in ("stiffness", "damping", "frictionloss", "armature") if _nonzero(m, "tendon", what, t)]
-        for what in [*acts, *["limit"] * bool(m.tendon_limited[t])]:
-            acting.setdefault(what, []).append(m.tendon(t).name or str(t))
-    for what, names in acting.items():
-        yield f"ignored the {what} of tendons {quoted(names)}: tendons are not supported"
-
-
-def _nonzero(m: Any, kind: str, what: str, k: int) -> bool:
-    """Return whether a number of an element, or of the powers that MuJoCo 4 adds to it, is not zero."""
-    powers = getattr(m, f"{kind}_{what}poly", None)
-    return bool(np.any(getattr(m, f"{kind}_{what}")[k]) or (powers is not None and np.any(powers[k])))

@@ -39,18 +39,19 @@ def ends(m: Any, k: int) -> tuple[End, End] | None:
         wraps = range(start, start + m.tendon_num[one])
         if two >= 0 or len(wraps) != 2 or any(m.wrap_type[w] != SITE_WRAP for w in wraps):
             return None
-        a, b = (_at_site(m, int(m.wrap_objid[w])) for w in wraps)
+        a, b = (at_site(m, int(m.wrap_objid[w])) for w in wraps)
         return a, b
     if kind not in (CONNECT, WELD):
         return None
     if m.eq_objtype[k] == SITE:
-        return _at_site(m, one), _at_site(m, two)
+        return at_site(m, one), at_site(m, two)
     if kind == CONNECT:
         return End(one, np.eye(3), data[:3]), End(two, np.eye(3), data[3:6])
     return End(one, rotation_from_quaternion(data[6:10]), data[3:6]), End(two, np.eye(3), data[:3])
 
 
-def _at_site(m: Any, s: int) -> End:
+def at_site(m: Any, s: int) -> End:
+    """Return the frame of a site."""
     return End(int(m.site_bodyid[s]), rotation_from_quaternion(m.site_quat[s]), m.site_pos[s])
 
 
@@ -67,7 +68,7 @@ def read_loops(m: Any, tree: Tree, names: list[str], top: int = 0) -> tuple[Loop
     for k, (a, b) in closing(m).items():
         if not any(_moves(m, tree, end.body) for end in (a, b)):
             continue
-        one, two = _placed(m, tree, a, top), _placed(m, tree, b, top)
+        one, two = placed(m, tree, a, top), placed(m, tree, b, top)
         if one[0] is None:
             one, two = two, one
         distance = float(m.tendon_length0[m.eq_obj1id[k]] + m.eq_data[k, 0]) if m.eq_type[k] == TENDON else 0.0
@@ -88,7 +89,7 @@ def _moves(m: Any, tree: Tree, b: int) -> bool:
     return tree.holds(m, b) and bool(m.body_weldid[b])
 
 
-def _placed(m: Any, tree: Tree, end: End, top: int) -> tuple[str | None, Any, Any]:
+def placed(m: Any, tree: Tree, end: End, top: int) -> tuple[str | None, Any, Any]:
     """Return link, rpy and point of an end; None for the world, whose place is in the root link of a fixed base."""
     b, E, r = end
     if b and tree.holds(m, b):
@@ -162,7 +163,7 @@ def loop_lines(model: Model) -> list[str]:
     return found
 
 
-def tendon_lines(model: Model) -> list[str]:
+def rod_lines(model: Model) -> list[str]:
     """Write the tendons whose lengths loops keep."""
     rods = [loop.name for loop in model.loops if loop.kind == "distance"]
     sites = {name: [line for side in "ab" for line in element("site", {"site": f"{name}_{side}"})] for name in rods}

@@ -20,6 +20,7 @@ from .causes import doubts, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
 from .loops import equality_names, read_loops
 from .sizes import check_sizes, documents_of
+from .tendons import read_tendons
 from .touching import collisions, links_apart, paired_geoms, read_touching
 from .tree import BALL, Tree, read_shapes, read_tree
 
@@ -56,6 +57,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     return Robot(
         name_of(m, path), tree.links, actuators.joints, shapes, tree.base, held_by(m, tree), actuators.servos,
         postures_of(m, tree), tuple(apart), read_loops(m, tree, equality_names(m)),
+        read_tendons(m, tree),
     )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ from .equalities import Line, couplings, title
 from .loops import closing, equality_names, read_loops
 from .read import compiled, held_by, name_of, postures_of
 from .sizes import documents_of
+from .tendons import read_tendons
 from .touching import FRICTIONLESS, collisions, excluded_bodies, links_apart, meets, paired_geoms
 from .tree import (
     GEOMS,
@@ -216,7 +217,7 @@ def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Rep
     loops = read_loops(m, tree, [x.removeprefix(f"{prefix}{SEPARATOR}") for x in equality_names(m)], top)
     robot = Robot(
         name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree),
-        loops=loops,
+        loops=loops, tendons=read_tendons(m, tree, top),
     )  # fmt: skip
     touching = tuple(shape for g, shape in shapes.items() if g in solids.friction)
     return Part(robot, vector(m.body_pos[top]), tuple(m.body_quat[top].tolist()), touching)

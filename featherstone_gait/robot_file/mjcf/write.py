@@ -24,7 +24,8 @@ from ...model.degrees import degrees_of, written_degrees
 from ...model.rigid_bodies import depth_first_joints, held_frame
 from ..markup import comment, element
 from ..urdf import TRIANGLE_TOLERANCE
-from .loops import loop_lines, site_lines, tendon_lines
+from .loops import loop_lines, rod_lines, site_lines
+from .tendons import tendon_lines, tendon_site_lines
 from .tree import NO_STOP, WORLD, unused
 from .write_actuators import actuator_lines, passive
 from .write_geoms import field_lines, floor_lines, geom_lines, mesh_lines, pair_lines, unread_meshes
@@ -56,7 +57,7 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
             for line in element("joint", {"joint1": name, "joint2": leader, "polycoef": (a, b, 0, 0, 0)})
         ]
         + loop_lines(model),
-        "tendon": tendon_lines(model),
+        "tendon": [*rod_lines(model), *tendon_lines(model)],
         "contact": [*pair_lines(model, ground), *_exclude_lines(model)],
         "actuator": actuators,
         "keyframe": _key_lines(model),
@@ -126,7 +127,11 @@ def _root_lines(model: Model, inertias: Inertials) -> list[str]:
 def _inside(model: Model, link: str, inertias: Inertials) -> list[str]:
     """Write what a link's body holds besides its joints."""
     children = [line for joint in model.joints if joint.parent == link for line in _child_lines(model, joint, inertias)]
-    return [*inertias.get(link, []), *geom_lines(model, link), *site_lines(model, link), *children]
+    return [*inertias.get(link, []), *geom_lines(model, link), *_site_lines(model, link), *children]
+
+
+def _site_lines(model: Model, link: str) -> list[str]:
+    return [*site_lines(model, link), *tendon_site_lines(model, link)]
 
 
 def _child_lines(model: Model, joint: Joint, inertias: Inertials) -> list[str]:
@@ -178,6 +183,7 @@ def _is_frame(model: Model, name: str) -> bool:
     link = model.link(name)
     ends = [joint for joint in model.joints if name in (joint.parent, joint.child)]
     carries = {shape.link for shape in model.shapes} | {point.link for point in model.contacts}
+    carries |= {via.link for tendon in model.tendons for via in tendon.path}
     carries |= {end for loop in model.loops for end in (loop.a, loop.b) if end is not None}
     plain = link.mass == 0 and not any(link.inertia) and name != model.root and name not in carries
     return plain and len(ends) == 2 and all(_moves(model, one) for joint in ends for one in written_degrees(joint))

@@ -1,0 +1,316 @@
+"""Tendons and springs between bodies: a force along a length that joints and points of bodies make.
+
+The length is a sum of joint positions times coefficients, or of the distances of points that follow each other on a
+path.  Along it act a spring with a dead band, a damper, and stops of stop.py at the limits,
+
+    f = -K (l - upper) above the band, -K (l - lower) below, nothing within; -C dl/dt; stops,
+
+positive where it lengthens.  With J = dl/dq the torques on the joints are J' f.  An implicit step takes the force at
+its end, where the length is l + h J v, with J of the state for which the bias is taken; the slope h (K h + C) joins the
+mass matrix as w^2 of a row beside the fold (core/tree/rank_one.py), so that no tendon limits the step.  Euler's method
+takes springs at the start of the step as long as their own period allows it, like those of joints (joint_spring.py).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import select, sqrt
+from ..compile.structure import record, structure
+from ..tree.aba import root_inertia
+from ..tree.coupling import push_torque
+from ..tree.forest import base_of, rows_of, tendons_of
+from ..tree.layout import U, V
+from ..tree.rank_one import FREE, answer, bind, clear, push_force, release
+from ..tree.rigid_body import point_position
+from ..tree.spatial import add, cross, dot, load3, scale, sub, vector
+from .contact import FLOOR, shifted
+from .stop import stop_branch, stop_torque
+
+TENDON = record(
+    first=int,  # of its parts
+    end=int,
+    row=int,  # of the workspace
+    column=int,
+    offset=float,  # of the length: what joints that are held give [m or rad]
+    stiffness=float,  # K [N/m or N m/rad]
+    lower=float,  # dead band of the spring [m or rad]
+    upper=float,
+    damping=float,  # C [N s/m or N m s/rad]
+    fold=float,  # 1 = the spring is taken at the end of the step, 0 = at its start
+)
+
+PART = record(
+    kind=int,  # JOINT ...
+    body=int,  # row of the body
+    dof=int,  # index of a joint's coordinate
+    coefficient=float,  # of a joint [m/rad or -], or of the distance from the point before [-]
+    point=(float, 3),  # body frame [m]
+)
+JOINT, BEGIN, POINT = range(3)  # a path begins with a point that has no distance
+
+# Columns of a tendon's row in the workspace.
+LB = FREE  # length from which it moves on with the speed [m or rad]
+U0 = FREE + 1  # speed for which the bias is taken [m/s or rad/s]
+UK = FREE + 2  # speed about which the force is linearized
+UN = FREE + 3  # speed of the solution
+T0 = FREE + 4  # linear model of the force: T0 - CT u
+CT = FREE + 5
+TL = FREE + 6  # its value at UN
+RT = FREE + 7  # inertial force at UK
+
+
+@structure
+class Tendons(NamedTuple):
+    """The tendons of a scene, and after them its springs between bodies."""
+
+    table: np.ndarray  # (tendons,) TENDON
+    parts: np.ndarray  # (parts,) PART
+    stops: np.ndarray | None  # (tendons,) STOP; None where no tendon has limits
+
+
+# ---------------------------------------------------------------------------------------------- the length
+
+
+@inline
+def _apart(a, b, W):
+    """Return the points of two parts [m], their distance, and the direction from one to the other, 0 where they meet.
+
+    Positions in W count from the base.  Their differences, all that is needed here, are the same from anywhere.
+    """
+    x, y = point_position(a.body, vector(a.point), W), point_position(b.body, vector(b.point), W)
+    d = sub(y, x)
+    length = sqrt(dot(d, d))
+    apart = length > 0.0
+    return x, y, length, scale(d, select(apart, 1.0 / select(apart, length, 1.0 + 0.0 * length), 0.0 * length))
+
+
+@inline
+def _opening(a, b, column, W):
+    """Return the distance of two points, and its rate by the motion of bodies that stands in six columns of W."""
+    x, y, length, e = _apart(a, b, W)
+    v = add(load3(W, a.body, column + 3), cross(load3(W, a.body, column), x))
+    w = add(load3(W, b.body, column + 3), cross(load3(W, b.body, column), y))
+    return length, dot(e, sub(w, v))
+
+
+@inline
+def place_tendons(tendons, step, q, v, ahead):
+    """Fill lengths and speeds of a tree's tendons, whose joints have the positions q and speeds v.
+
+    ahead: how long after the step's start the poses are those of W [s]; q are those at the start.
+    """
+    if tendons is not None:
+        _place(tendons, step, q, v, ahead)
+
+
+@kernel
+def _place(tendons, step, q, v, ahead):
+    W, (first, end) = step.W, tendons_of(step.part, tendons.table)
+    for c in range(first, end):
+        t = tendons.table[c]
+        length, speed = t.offset + 0.0 * W[0, V], 0.0 * W[0, V]
+        for k in range(t.first, t.end):
+            p = tendons.parts[k]
+            if p.kind == JOINT:
+                length, speed = length + p.coefficient * q[p.dof], speed + p.coefficient * v[p.dof]
+            elif p.kind == POINT:
+                distance, rate = _opening(tendons.parts[k - 1], p, V, W)
+                length = length + p.coefficient * (distance - ahead * rate)
+                speed = speed + p.coefficient * rate
+        W[t.row, LB], W[t.row, U0], W[t.row, UK] = length, speed, speed
+
+
+@kernel
+def _respond(tendons, t, inertia, step):
+    """Fill the row of a tendon: what a unit force along it leaves in the factors."""
+    tree, part, W = step.scene.tree, step.part, step.W
+    root, _ = rows_of(part, tree)
+    clear(tree, part, t.row, t.column, W)
+    for k in range(t.first, t.end):
+        b = tendons.parts[k]
+        if b.kind == JOINT:
+            push_torque(tree, root, b.body, b.coefficient, t.column, t.row, W)
+        elif b.kind == POINT:
+            a = tendons.parts[k - 1]
+            x, y, _, e = _apart(a, b, W)
+            f = scale(e, b.coefficient)
+            push_force(tree, root, b.body, cross(y, f), f, t.row, t.column, W)
+            push_force(tree, root, a.body, scale(cross(x, f), -1.0), scale(f, -1.0), t.row, t.column, W)
+    answer(inertia, step.scene.coupling, part, tree, t.row, t.column, W)
+
+
+# ---------------------------------------------------------------------------------------------- the force
+
+
+@inline
+def tendon_force(tendons, c, step, u):
+    """Return the force [N or N m] of a tendon at the speed u, and its slope -df/du."""
+    t, h, length = tendons.table[c], step.h_implicit, step.W[tendons.table[c].row, LB]
+    at = length + t.fold * h * u
+    over, under, zero = at - t.upper, t.lower - at, 0.0 * u
+    beyond = (over >= 0.0) | (under >= 0.0)
+    spring = select(over >= 0.0, -t.stiffness * over, select(under >= 0.0, t.stiffness * under, zero))
+    stop, c_stop = stop_torque(tendons.stops, c, length, u, h)
+    slope = select(beyond, t.stiffness * (t.fold * h) + zero, zero)
+    return spring - t.damping * u + stop, slope + t.damping + c_stop
+
+
+@inline
+def linearize_tendons(tendons, step):
+    """Linearize the forces about UK."""
+    if tendons is not None:
+        _linearize(tendons, step)
+
+
+@kernel
+def _linearize(tendons, step):
+    W, (first, end) = step.W, tendons_of(step.part, tendons.table)
+    for c in range(first, end):
+        row = tendons.table[c].row
+        f, slope = tendon_force(tendons, c, step, W[row, UK])
+        W[row, T0], W[row, CT] = f + slope * W[row, UK], slope
+
+
+@inline
+def bind_tendons(tendons, contact, step):
+    """Let the tendons act on the solution that the first pass of the ABA has left, with their slopes in its factors."""
+    if tendons is not None:
+        base_q = base_of(step.scene.floating, step.part, step.y, step.offsets.base_q, 7)
+        if base_q is None:
+            _bind(tendons, None, step)
+        else:
+            _bind(tendons, root_inertia(step.scene.tree, step.part, contact, step.W), step)
+
+
+@kernel
+def _bind(tendons, inertia, step):
+    W, (first, end) = step.W, tendons_of(step.part, tendons.table)
+    for c in range(first, end):
+        t = tendons.table[c]
+        _respond(tendons, t, inertia, step)
+        force, slope = W[t.row, T0] - W[t.row, CT] * W[t.row, U0], step.h_implicit * W[t.row, CT]
+        bind(step.scene.tree, step.part, (t.row, t.column), c - first, slope, force, W)
+
+
+@inline
+def release_tendons(tendons, step):
+    """Make the solution that of the second pass, when all forces are in."""
+    if tendons is not None:
+        _release(tendons, step)
+
+
+@kernel
+def _release(tendons, step):
+    first, end = tendons_of(step.part, tendons.table)
+    for k in range(end - first):
+        t = tendons.table[end - 1 - k]
+        release(step.scene.tree, step.part, (t.row, t.column), step.W)
+
+
+@inline
+def lines_of(tendons):
+    """Return the records of tendons with `row` and `column`, None without tendons."""
+    if tendons is None:
+        return None
+    return tendons.table
+
+
+# ---------------------------------------------------------------------------------------------- Newton's iteration
+
+
+@inline
+def solved_tendons(tendons, step, accelerations):
+    """Fill speeds and the model's forces at the solution, by accelerations (n,) of joints and dA of the bodies in W."""
+    if tendons is not None:
+        _solved(tendons, step, accelerations)
+
+
+@kernel
+def _solved(tendons, step, accelerations):
+    W, (first, end) = step.W, tendons_of(step.part, tendons.table)
+    for c in range(first, end):
+        t = tendons.table[c]
+        rate = 0.0 * W[t.row, U0]
+        for k in range(t.first, t.end):
+            p = tendons.parts[k]
+            if p.kind == JOINT:
+                rate = rate + p.coefficient * accelerations[p.dof]
+            elif p.kind == POINT:
+                _, along = _opening(tendons.parts[k - 1], p, U, W)
+                rate = rate + p.coefficient * along
+        W[t.row, UN] = W[t.row, U0] + step.h_implicit * rate
+        W[t.row, TL] = W[t.row, T0] - W[t.row, CT] * W[t.row, UN]
+
+
+@inline
+def compare_tendons(tendons, step, wrong, slope):
+    """Add to `wrong` where forces at UN differ from the linear model's, and to the slope of the descent [W]."""
+    if tendons is None:
+        return wrong, slope
+    return _compare(tendons, step, wrong, slope)
+
+
+@kernel
+def _compare(tendons, step, wrong, slope):
+    W, (first, end) = step.W, tendons_of(step.part, tendons.table)
+    for c in range(first, end):
+        row = tendons.table[c].row
+        f, _ = tendon_force(tendons, c, step, W[row, UN])
+        wrong = wrong | (abs(f - W[row, TL]) > step.tolerance * (abs(f) + abs(W[row, TL])) + FLOOR)
+        slope = slope + (W[row, UN] - W[row, UK]) * (W[row, TL] - f)
+    return wrong, slope
+
+
+@inline
+def tendon_slope(tendons, step, fraction, slope):
+    """Add to the slope of the convex function at a fraction of the pass: inertial less applied force."""
+    if tendons is None:
+        return slope
+    return _slope(tendons, step, fraction, slope)
+
+
+@kernel
+def _slope(tendons, step, fraction, slope):
+    W, (first, end) = step.W, tendons_of(step.part, tendons.table)
+    for c in range(first, end):
+        row = tendons.table[c].row
+        move = W[row, UN] - W[row, UK]
+        f, _ = tendon_force(tendons, c, step, W[row, UK] + fraction * move)
+        slope = slope + move * (W[row, RT] + fraction * (W[row, TL] - W[row, RT]) - f)
+    return slope
+
+
+@inline
+def shift_tendons(tendons, step, fraction, active):
+    """Move the iterate by a fraction of the pass, in the lanes still at work."""
+    if tendons is not None:
+        W, (first, end) = step.W, tendons_of(step.part, tendons.table)
+        for c in range(first, end):
+            row = tendons.table[c].row
+            W[row, UK] = shifted(W[row, UK], W[row, UN], fraction, active)
+            W[row, RT] = shifted(W[row, RT], W[row, TL], fraction, active)
+
+
+@inline
+def move_tendons(tendons, step, column):
+    """Store the forces at the speeds in a column of the rows."""
+    if tendons is not None:
+        first, end = tendons_of(step.part, tendons.table)
+        for c in range(first, end):
+            f, _ = tendon_force(tendons, c, step, step.W[tendons.table[c].row, column])
+            step.y[step.offsets.tendon_force + c] = f
+
+
+@inline
+def tendon_branch(tendons, c, step, u):
+    """Return a number for each way in which spring and stops of a tendon act at the speed u, 0 where none does."""
+    t, length = tendons.table[c], step.W[tendons.table[c].row, LB]
+    at, zero = length + t.fold * step.h_implicit * u, 0.0 * u
+    side = select(at >= t.upper, 1.0 + zero, select(at <= t.lower, -1.0 + zero, zero))
+    side = side * (1.0 if t.upper > t.lower else 0.0)
+    return side + 3.0 * stop_branch(tendons.stops, c, length, u, step.h_implicit)
+
+
+CAUSES = ("damper of a tendon", "spring of a tendon")  # that limit explicit steps

@@ -1,0 +1,57 @@
+"""How tendons change with the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.fixed_order import total
+from ..model import Model, Tendon
+from .algorithms import check_model, forward_kinematics, lengths_of, pieces, positions_of
+from .jacobians import jacobian_at
+
+
+def tendon_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
+    """Compute the Jacobian of the tendons: J qd is the rate of `tendon_lengths`, J' f the torques of forces along them.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        J (tendons, nv) or (n, tendons, nv).
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
+    return rows_of(check_model(model), positions_of(model, q), model.tendons)
+
+
+def rows_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.ndarray:
+    """Compute the Jacobian (..., k, nv) of any tendons; zero of pieces whose points coincide."""
+    tendons = list(tendons)
+    J = np.zeros((*q.shape[:-1], len(tendons), model.nv))
+    poses = forward_kinematics(model, q) if any(one.path for one in tendons) else None
+    for k, tendon in enumerate(tendons):
+        for name, c in tendon.joints:
+            if name not in model.held:
+                J[..., k, model.qd_index(name)] += c
+        if poses is not None:
+            for a, b, e, _ in pieces(model, poses, tendon):
+                turn = [jacobian_at(model, poses, one.link, one.point)[..., 3:, :] for one in (a, b)]
+                J[..., k, :] += b.share * total(np.swapaxes(e[..., :, None] * (turn[1] - turn[0]), -1, -2))
+    return J
+
+
+def tendon_length_channel(model: Model, base_q: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Compute the recorded channel (samples, tendons) [m or rad]."""
+    return lengths_of(model, np.hstack([base_q, q]), model.tendons)

@@ -1,0 +1,176 @@
+"""Tendons: lengths that joints or points of links make, with springs, dampers and limits along them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from ..base.arguments import is_real, listed, shown
+from ..base.brief import brief
+from ..base.flaws import quoted
+from .checks import LARGEST, check, freeze, name_flaws, quantity, quantity_flaws, refuse, vector_flaws
+from .links import Joint, Link, Spring, Vector
+
+Moment: TypeAlias = tuple[str, float]
+
+
+@dataclass(frozen=True)
+class Via:
+    """A point of a link through which a tendon runs.
+
+    Attributes
+    ----------
+    link : str
+        Name of the link.
+    point : tuple of float
+        The point (3,) in the frame of the link [m].
+    share : float
+        Share of the distance from the point before in the tendon's length; 0 begins a new piece.  That of the first
+        point plays no part.
+    """
+
+    link: str
+    point: Vector = (0.0, 0.0, 0.0)
+    share: float = quantity(">= 0", "-", 1.0, "0 begins a new piece of the tendon")
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        what = f"via point on link {self.link!r}"
+        check(name_flaws("link", self.link), vector_flaws(what, "point", self.point, 3), quantity_flaws(what, self))
+        freeze(self, "point")
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """A tendon, whose length depends on several joints, with a spring, a damper and limits along it.
+
+    The length is the sum of joint positions times coefficients (a fixed tendon), or of the distances of points that
+    follow each other (a spatial one).  A force f along it, positive where it lengthens, turns each joint with the
+    torque coefficient * f, or pulls the points apart.
+
+    Attributes
+    ----------
+    name : str
+        Name, unique among the tendons of a robot.
+    joints : tuple of (str, float)
+        Joints and their coefficients [-, or m/rad where the length is one], of a fixed tendon.
+    path : tuple of Via
+        Points in their order, of a spatial tendon.
+    stiffness : float
+        Stiffness K of the spring: f = K (rest - length) [N/m, or N m/rad where the length is an angle].
+    damping : float
+        Damping C: f = -C dl/dt [N s/m or N m s/rad].
+    rest : float or tuple of float
+        Length at which the spring is slack, or the two ends of a range in which it is [m or rad].
+    lower, upper : float
+        Limits of the length [m or rad], with stops like those of joints.
+
+    Raises
+    ------
+    ValueError
+        For values out of range; all problems of the tendon are listed.
+    """
+
+    name: str
+    joints: tuple[Moment, ...] = ()
+    path: tuple[Via, ...] = ()
+    stiffness: float = quantity(">= 0", "N/m or N m/rad", 0.0, "0 is no spring")
+    damping: float = quantity(">= 0", "N s/m or N m s/rad", 0.0, "0 is no damper")
+    rest: float | tuple[float, float] = (0.0, 0.0)
+    lower: float = -math.inf
+    upper: float = math.inf
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        what = f"tendon {self.name!r}"
+        object.__setattr__(self, "joints", tuple(listed(f"{what}: joints", self.joints, "give (name, coefficient)")))
+        object.__setattr__(self, "path", tuple(listed(f"{what}: path", self.path, "give a list of Via")))
+        if is_real(self.rest):
+            object.__setattr__(self, "rest", (float(self.rest), float(self.rest)))  # type: ignore[arg-type]
+        refuse(what, self._flaws(what))
+        object.__setattr__(self, "joints", tuple((name, float(c)) for name, c in self.joints))
+        freeze(self, "rest")
+
+    @property
+    def slack(self) -> tuple[float, float]:
+        """Range of lengths in which the spring is slack [m or rad]."""
+        return self.rest  # type: ignore[return-value]
+
+    @property
+    def limited(self) -> bool:
+        """Return whether the length has a limit."""
+        return self.lower > -math.inf or self.upper < math.inf
+
+    def _flaws(self, what: str) -> Iterator[str]:
+        yield from name_flaws("tendon", self.name)
+        if bool(self.joints) == bool(self.path):
+            which = "both" if self.path else "neither"
+            remedy = "give one of them, joints=[('elbow', 0.02)] or path=[Via(...)]"
+            yield f"{what}: has {which} joints and a path; {remedy}"
+        yield from self._joint_flaws(what)
+        if self.path and not all(isinstance(one, Via) for one in self.path):
+            yield f"{what}: path is {shown(self.path)}; expected points: give a list of Via"
+        elif self.path and not any(one.share > 0 for one in self.path[1:]):
+            yield f"{what}: path has no length; give two points or more, with a share above 0 of the second"
+        yield from quantity_flaws(what, self)
+        unfit = list(vector_flaws(what, "rest", self.rest, 2))  # type: ignore[arg-type]
+        yield from unfit
+        if not unfit and not self.slack[0] <= self.slack[1]:
+            yield f"{what}: rest is {self.rest!r}; expected a length, or a range that rises: swap the two"
+        if not (is_real(self.lower) and is_real(self.upper)):
+            yield f"{what}: limits lower {shown(self.lower)}, upper {shown(self.upper)}; expected numbers: correct them"
+        elif not self.lower < self.upper or self.lower == math.inf or self.upper == -math.inf:
+            yield f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: correct them"
+
+    def _joint_flaws(self, what: str) -> Iterator[str]:
+        for one in self.joints:
+            pair: Any = one
+            listing = isinstance(pair, tuple | list) and len(pair) == 2
+            if not (listing and isinstance(pair[0], str) and is_real(pair[1])):
+                yield f"{what}: joints has {shown(pair)}; expected a name and a coefficient: write ('elbow', 0.02)"
+            elif not 1.0 / LARGEST <= abs(pair[1]) <= LARGEST:
+                given = f"coefficient of joint {pair[0]!r} is {pair[1]!r}"
+                yield f"{what}: {given}; expected a number other than 0: correct it"
+        names = Counter(one[0] for one in self.joints if isinstance(one, tuple | list) and one)
+        for name, count in names.items():
+            if count > 1:
+                yield f"{what}: joint {name!r} is given {count} times; add its coefficients to one"
+
+
+def check_tendons(links: Iterable[Link], joints: Iterable[Joint], tendons: Iterable[Tendon]) -> None:
+    """Raise ValueError unless links and joints of all tendons exist, and no two tendons have one name.
+
+    joints: of one degree of freedom each.
+    """
+    names, tendons = [link.name for link in links], list(tendons)
+    single = {joint.name: joint.type for joint in joints}
+    movable = [name for name, kind in single.items() if kind not in ("fixed", "ball")]
+    for name, count in Counter(tendon.name for tendon in tendons).items():
+        if count > 1:
+            raise ValueError(f"tendon name {name!r} is used {count} times; give every tendon its own name")
+    for tendon in tendons:
+        for name, _ in tendon.joints:
+            if name not in movable:
+                what = f"is of type {single[name]!r}" if name in single else "does not exist"
+                raise ValueError(
+                    f"tendon {tendon.name!r}: joint {name!r} {what}; joints of one degree of freedom that move are "
+                    f"{quoted(movable)}: use one of them"
+                )
+        for via in tendon.path:
+            if via.link not in names:
+                raise ValueError(
+                    f"tendon {tendon.name!r}: there is no link {via.link!r}; links are {quoted(names)}: use one of them"
+                )
+
+
+def spring_tendon(spring: Spring) -> Tendon:
+    """Return a spring between two links as a tendon."""
+    path = (Via(spring.a, spring.point_a), Via(spring.b, spring.point_b))
+    return Tendon(
+        f"{spring.a} - {spring.b}", (), path, spring.stiffness, spring.damping, (spring.length, spring.length)
+    )

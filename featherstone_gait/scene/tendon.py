@@ -1,0 +1,86 @@
+"""Lay out the tendons of a robot, and the springs between its links, which are tendons with two points.
+
+The stop at a limit is that of a joint (stop.py): the robot's weight, or the effort of the joint with the largest
+coefficient c, drives that joint `STOP_DEPTH` into it, and the tendon c times as far.  So a tendon of one joint has the
+stop that the joint itself would have.  A path is taken for a joint that slides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..base.fixed_order import applied
+from ..core.effects.stop import STOP
+from ..core.effects.tendon import BEGIN, JOINT, PART, POINT, TENDON, Tendons
+from ..core.integrate.integrator import Integrator
+from ..model import Model, Tendon
+from .records import records
+from .stop import NO_LIMIT, fill_stop, load_of
+from .tree import Tree
+
+
+def with_rows(tree: Tree, tendons: Sequence[Tendon]) -> Tree:
+    """Return the tree with rows and columns of the workspace for tendons."""
+    return tree._replace(rows=tree.rows + len(tendons), tendons=len(tendons))
+
+
+def build_tendons(model: Model, tree: Tree, tendons: Sequence[Tendon]) -> Tendons | None:
+    """Lay out tendons, without stops; None without tendons.  tree: with rows for them."""
+    if not tendons:
+        return None
+    parts: list[np.ndarray] = []
+    table = records(len(tendons), TENDON)
+    body = {int(dof): row for row, dof in enumerate(tree.bodies.dof) if row}
+    for k, (row, tendon) in enumerate(zip(table, tendons)):
+        row.row, row.column, row.first = tree.rows - len(tendons) + k, tree.columns + k, len(parts)
+        row.stiffness, row.damping, (row.lower, row.upper) = tendon.stiffness, tendon.damping, tendon.slack
+        for name, c in tendon.joints:
+            if name in model.held:
+                row.offset += c * model.held[name]
+            else:
+                dof = model.joint_rows[name]
+                parts.append(_part(JOINT, body[dof], c, dof, (0.0, 0.0, 0.0)))
+        for j, via in enumerate(tendon.path):
+            place = tree.placements[via.link]
+            kind = POINT if j and via.share > 0 else BEGIN
+            parts.append(_part(kind, place.row, via.share, 0, place.r + applied(place.E, np.array(via.point))))
+        row.end = len(parts)
+    return Tendons(table, np.concatenate(parts or [records(0, PART)]).view(np.recarray), None)
+
+
+def _part(kind: int, body: int, coefficient: float, dof: int, point: Sequence[float] | np.ndarray) -> np.ndarray:
+    part = np.zeros(1, PART)
+    for name, value in zip(part.dtype.names or (), (kind, body, dof, coefficient, point)):
+        part[name] = value
+    return part
+
+
+def with_stops(
+    laid_out: Tendons | None, model: Model, tendons: Sequence[Tendon], inertias: Sequence[float], g: float
+) -> Tendons | None:
+    """Return the tendons with stops at their limits.
+
+    inertias: those that the tendons feel [kg m^2 or kg]; g: strength of gravity [m/s^2].
+    """
+    if laid_out is None or not any(one.limited for one in tendons):
+        return laid_out
+    table = records(len(tendons), STOP)
+    for row, tendon, inertia in zip(table, tendons, inertias):
+        row.lower, row.upper = max(tendon.lower, -NO_LIMIT), min(tendon.upper, NO_LIMIT)
+        joint, c = max(tendon.joints, key=lambda one: abs(one[1]), default=("", 1.0))
+        found = next((one for one in model.degrees.joints if one.name == joint), None)
+        fill_stop(row, load_of(found, model, g), inertia, abs(c))
+    return laid_out._replace(stops=table)
+
+
+def fold_tendons(tendons: Tendons | None, integrator: Integrator, h: float, inertias: Sequence[float]) -> None:
+    """Take the springs at the end of the implicit step h [s] only where their periods need it, all or none.
+
+    As `fold_joint_springs`; inertias: those that the tendons feel [kg m^2 or kg].
+    """
+    if tendons is not None:
+        each = (k / inertia for k, inertia in zip(tendons.table.stiffness, inertias))
+        tendons.table.fold = integrator.folds_spring or h * h * math.fsum(each) > 1.0
