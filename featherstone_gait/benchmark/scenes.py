@@ -205,7 +205,7 @@ def governor() -> Case:
     are points: what others have read off the figure.
 
     The eigenvalues of springs and masses at the start are -8117 and -20.0 1/s, and with the rods against each other
-    -1450 and -20.3 1/s, beside a swing of 6.1 rad/s; Euler's step ends at 0.25 ms.  Error control of `dop853` holds at
+    -1450 and -20.3 1/s, beside a swing of 6.1 rad/s; explicit steps end at 0.25 ms.  Error control of `dop853` holds at
     any tolerance, that of the extrapolation from 1e-4 on: of a looser one its short columns are unstable, unsaid.
     """
     bar, cube = DENSITY * ROD * THICK**2, DENSITY * CUBE**3

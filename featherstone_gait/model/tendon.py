@@ -102,6 +102,11 @@ class Tendon:
         return self.rest  # type: ignore[return-value]
 
     @property
+    def acts(self) -> bool:
+        """Return whether the tendon has a spring, a damper or a limit."""
+        return self.stiffness > 0 or self.damping > 0 or self.limited
+
+    @property
     def limited(self) -> bool:
         """Return whether the length has a limit."""
         return self.lower > -math.inf or self.upper < math.inf

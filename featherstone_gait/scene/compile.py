@@ -384,7 +384,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     """Compile one model."""
     options, ground = check_options(model, given), given.ground
     drive, g = build_drive(model, options.gearbox), np.asarray(options.gravity)
-    lines = (*model.tendons, *(spring_tendon(spring) for spring in options.springs))
+    lines = (*(one for one in model.tendons if one.acts), *(spring_tendon(spring) for spring in options.springs))
     tree = with_rows(compile_tree(model), lines)
     contact, tendons = build_contact(model, tree, ground, g), build_tendons(model, tree, lines)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)

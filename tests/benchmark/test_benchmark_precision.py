@@ -88,11 +88,10 @@ def test_the_governor_rises_as_far_as_energy_and_momentum_let_it():
 @pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("midpoint", 2), ("implicit_euler", 1)])
 def test_the_error_of_the_governor_falls_with_the_step(integrator, order):
-    """Below the limit of the springs, which is 0.25 ms for Euler's step and half of that for the midpoint rule."""
-    coarse, fine = errors(scenes.governor(), integrator, [1e-4, 5e-5])
+    """Also far beyond the springs' limit of explicit steps, 0.25 ms; near it the order is lower for a while."""
+    steps = {1: [1e-4, 5e-5], 2: [2e-3, 1e-3]}[order]
+    coarse, fine = errors(scenes.governor(), integrator, steps)
     assert coarse / fine == pytest.approx(2.0**order, rel=0.02)
-    (wrong,) = precision.measure(scenes.governor(), 1, [(integrator, 5e-4)])
-    assert wrong.status == "diverged"
 
 
 @pytest.mark.long

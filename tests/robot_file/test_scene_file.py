@@ -622,7 +622,7 @@ def test_many_damaged_files_are_refused_or_read(tmp_path, name):
 # ---------------------------------------------------------------------------------------------- published files
 
 FOLDERS = [Path(folder) / package for folder in sys.path for package in ("gymnasium", "dm_control", "pybullet_data")]
-LOOPS = ("quadruped.xml",)  # whose equalities bind three joints, which load_robot refuses too
+LOOPS = ("quadruped.xml",)  # whose equalities bind three joints: springs of another softness than in MuJoCo
 
 
 def published():

@@ -40,6 +40,7 @@ NO_LIMIT = 1e6  # voltage [V] of a motor that has none
 
 OWN_ANGLE = "took the joint's angle, u/gear, as the reference of actuators with a gear"
 SCALED = "took the joint's angle as the reference of actuators whose control is scaled"
+LEFT_OUT = "ignored actuators that are not on one joint (give tendon_jacobian(model, q).T @ forces as tau)"
 RANGED = (
     "ignored the ctrlrange of actuators, since references have no limits: keep references [rad or m] where MuJoCo "
     "clamps them: "
@@ -90,12 +91,12 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
     efforts: dict[str, float] = {}
     left: dict[str, list[str]] = {}
     for k in range(actuator_count(m)):
-        joint, gear = _turned(m, k)
+        joint, gear = turned(m, k)
         if joint >= 0 and not tree.holds(m, int(m.jnt_bodyid[joint])):
             continue  # of another tree
         name = tree.joint_names[joint] if gear and m.jnt_type[joint] != BALL else ""
         if name not in by_name:
-            left.setdefault("ignored actuators that are not on one joint", []).append(m.actuator(k).name or str(k))
+            left.setdefault(LEFT_OUT, []).append(m.actuator(k).name or str(k))
             continue
         row = _row(m, k, gear)
         if row.kind[0] != DC_DYNAMICS or row.off:  # armature and damping of a dcmotor belong to its servo
@@ -124,7 +125,7 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
     return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, remarks)
 
 
-def _turned(m: Any, k: int) -> tuple[int, float]:
+def turned(m: Any, k: int) -> tuple[int, float]:
     """Return the joint that an actuator turns, and the change of its length by the joint's position.
 
     It is 0 for an actuator of no joint or of several.

@@ -72,6 +72,35 @@ def _terms(m: Any, k: int) -> tuple[dict[int, float], float]:
     return {j: c for j, c in terms.items() if c}, a
 
 
+class Tie(NamedTuple):
+    """An equality of three joints or more: the sum of c q is at rest at a length, held by a spring and a damper."""
+
+    terms: dict[int, float]  # c by joint
+    rest: float
+    stiffness: float
+    damping: float
+
+
+def ties(m: Any) -> dict[int, Tie]:
+    """Return the linear equalities of three joints or more, by their number, as soft as the file has them.
+
+    With the time constant T and the damping ratio d of `solref`, of a mass 1/w that moves along the sum, MuJoCo's force
+    is that of a spring 1/(w T^2 d^2) and a damper 2/(w T); negative numbers are stiffness and damping of a unit mass.
+    """
+    found = {}
+    for k in active(m):
+        terms, a = _terms(m, k)
+        if len(terms) > 2:
+            one, two = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
+            w = float(m.tendon_invweight0[one])
+            w += float(m.eq_data[k][1] ** 2 * m.tendon_invweight0[two]) if two >= 0 else 0.0
+            first, second = m.eq_solref[k].tolist()
+            per_mass = (-first, -second) if first <= 0 else (1.0 / (first * first * second * second), 2.0 / first)
+            rest = a + sum(c * _reference(m, j) for j, c in terms.items())
+            found[k] = Tie(terms, rest, per_mass[0] / w, per_mass[1] / w)
+    return found
+
+
 def _line(m: Any, terms: dict[int, float], order: list[int], a: float) -> Line:
     y, *others = order
     at_rest = _reference(m, y) + a / terms[y]
@@ -101,9 +130,9 @@ def refusals(m: Any, names: list[str], taken: list[bool], loops: Container[int])
 
     names: of joints; taken: whether a body belongs to the robot; loops: equalities that close loops
     """
-    found = lines(m)
+    found, soft = lines(m), ties(m)
     for k in active(m):
-        if k in found or k in loops or not any(taken[b] for b in _bodies(m, k)) or follows_mocap(m, k):
+        if k in found or k in soft or k in loops or not any(taken[b] for b in _bodies(m, k)) or follows_mocap(m, k):
             continue
         if m.eq_type[k] == JOINT:
             yield (
@@ -114,8 +143,8 @@ def refusals(m: Any, names: list[str], taken: list[bool], loops: Container[int])
             kind = int(m.eq_type[k])
             what = KINDS[kind] if kind < len(KINDS) else f"of kind {kind}"
             yield (
-                f"equality {title(m, k)} <{what}> is not supported; of tendons those are that are fixed and move one "
-                "or two joints, and those that run straight between two sites: remove it, or set active='false'"
+                f"equality {title(m, k)} <{what}> is not supported; of tendons those are that are fixed and "
+                "linear, and those that run straight between two sites: remove it, or set active='false'"
             )
     led: dict[int, list[str]] = {}
     for k, line in found.items():

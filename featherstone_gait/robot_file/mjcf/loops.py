@@ -15,7 +15,7 @@ from ...model import Loop, Model
 from ...model.loop import LoopKind
 from ...model.numpy_dynamics import zero_position
 from ..markup import element
-from .equalities import CONNECT, KINDS, SITE, TENDON, WELD, active, follows_mocap, lines, title
+from .equalities import CONNECT, KINDS, SITE, TENDON, WELD, active, follows_mocap, lines, ties, title
 from .tree import Tree, unused, vector
 
 SITE_WRAP = 3  # mjtWrap
@@ -57,7 +57,7 @@ def at_site(m: Any, s: int) -> End:
 
 def closing(m: Any) -> dict[int, tuple[End, End]]:
     """Return the active equalities that close loops, by their number."""
-    taken = lines(m)
+    taken = {**lines(m), **ties(m)}
     found = ((k, ends(m, k)) for k in active(m) if k not in taken and not follows_mocap(m, k))
     return {k: both for k, both in found if both is not None}
 

@@ -11,9 +11,11 @@ import numpy as np
 from ...base.flaws import quoted
 from ...model import Model, Tendon, Via
 from ..markup import element
-from .equalities import NO_CONSTRAINTS
+from .actuators import TENDON as TENDON_TRANSMISSION
+from .actuators import turned
+from .equalities import NO_CONSTRAINTS, Tie, ties, title
 from .loops import SITE_WRAP, at_site, placed
-from .tree import NO_DAMPERS, NO_LIMITS, NO_SPRINGS, NO_STOP, Tree, unused
+from .tree import NO_DAMPERS, NO_LIMITS, NO_SPRINGS, NO_STOP, Tree, actuator_count, unused
 
 JOINT_WRAP, PULLEY_WRAP = 1, 2  # mjtWrap
 LEFT = ("frictionloss", "armature")  # what tendons have that has no like here
@@ -34,12 +36,29 @@ def _numbers(m: Any, t: int) -> tuple[float, float, bool]:
 
 
 def read_tendons(m: Any, tree: Tree, top: int = 0) -> tuple[Tendon, ...]:
-    """Read the tendons of a tree that act; top: body whose place counts as that of a fixed root."""
-    found, names = [], tendon_names(m)
+    """Read the tendons of a tree that act or are driven, and equalities of three joints or more as tendons.
+
+    top: body whose place counts as that of a fixed root.
+    """
+    found, names, used = [], tendon_names(m), driven(m)
     for t in range(m.ntendon):
-        if acts(m, t) and bodies_of(m, t) and why_not(m, tree, t) is None and _own(m, tree, t):
+        if (acts(m, t) or t in used) and why_not(m, tree, t) is None and _own(m, tree, t):
             found.append(_tendon(m, tree, t, names[t], top))
+    for k, tie in _own_ties(m, tree).items():
+        joints = tuple((tree.joint_names[j], c) for j, c in tie.terms.items())
+        name = unused(m.equality(k).name or f"equality{k}", [*names, *(one.name for one in found)])
+        found.append(Tendon(name, joints, (), tie.stiffness, tie.damping, tie.rest))
     return tuple(found)
+
+
+def driven(m: Any) -> set[int]:
+    """Return the tendons with an actuator that is not on one joint alone."""
+    on_tendons = (k for k in range(actuator_count(m)) if m.actuator_trntype[k] == TENDON_TRANSMISSION)
+    return {int(m.actuator_trnid[k, 0]) for k in on_tendons if turned(m, k)[0] < 0}
+
+
+def _own_ties(m: Any, tree: Tree) -> dict[int, Tie]:
+    return {k: tie for k, tie in ties(m).items() if all(tree.holds(m, int(m.jnt_bodyid[j])) for j in tie.terms)}
 
 
 def tendon_names(m: Any) -> list[str]:
@@ -130,9 +149,13 @@ def tendon_doubts(m: Any, tree: Tree) -> Iterator[str]:
 def tendon_notes(m: Any, tree: Tree) -> Iterator[str]:
     """Yield what of tendons does not affect the simulation, and how limits differ from MuJoCo's."""
     own = [t for t in range(m.ntendon) if _own(m, tree, t)]
-    idle, names = [t for t in own if not acts(m, t)], tendon_names(m)
+    idle, names = [t for t in own if not acts(m, t) and t not in driven(m)], tendon_names(m)
     if idle:
-        yield f"skipped {len(idle)} tendons without spring, damper and limit"
+        yield f"skipped {len(idle)} tendons without spring, damper, limit and actuator"
+    soft = [title(m, k) for k in _own_ties(m, tree)]
+    if soft:
+        which = ", ".join(soft)
+        yield f"took equalities {which} of three joints or more as tendons with a spring and damper as of solref"
     limited = [names[t] for t in own if _numbers(m, t)[2] and why_not(m, tree, t) is None]
     if limited:
         yield f"took limits of tendons {quoted(limited)} as stops like those of joints (solref and solimp play no part)"
