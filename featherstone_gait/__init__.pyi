@@ -79,6 +79,8 @@ from .run.contacts import ContactHistory as ContactHistory
 from .run.overlap import OverlapWarning as OverlapWarning
 from .run.overlap import overlaps as overlaps
 from .run.program import controller as controller
+from .run.range_sensor import RangeSensor as RangeSensor
+from .run.range_sensor import ranges as ranges
 from .run.reference import Reference as Reference
 from .run.session import Session as Session
 from .run.simulate import Push as Push

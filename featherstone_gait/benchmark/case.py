@@ -62,6 +62,7 @@ class Case(NamedTuple):
     best: Setting = ("extrapolation", 1e-13)  # gives the reference solution ...
     check: Setting = ("extrapolation", 1e-12)  # ... and this one its error
     exact: Callable[[np.ndarray], np.ndarray] | None = None  # positions at times [s], in closed form
+    tau: np.ndarray | None = None  # torques that act all the time (n,) [N m]
 
     @property
     def model(self) -> Model:
@@ -96,7 +97,7 @@ class Case(NamedTuple):
     def run(self, scene: CompiledScene, **how: Any) -> Trajectory:
         """Simulate positions and velocities in a scene of `by`; how: further arguments of `simulate`."""
         how |= {"record": self.record, "record_interval": self.every}
-        return simulate(scene, self.duration, self.state, self.reference, **how)
+        return simulate(scene, self.duration, self.state, self.reference, tau=self.tau, **how)
 
     def compiled(self, scene: CompiledScene, **how: Any) -> None:
         """Run one tick, which compiles all kernels."""
@@ -130,8 +131,9 @@ class Run:
         self.case, (self.scene, rtol, atol) = case, with_tolerance(scene, rtol, None)
         self.record = ("base_q", "q") if scene.tree.floating else ("q",)
         self.rtol = rtol
-        self.ready = prepare(self.scene, case.duration, self.record, case.every, rtol=rtol, atol=atol)
-        self.start = self.ready.start(case.state, case.reference)
+        self.ready = prepare(self.scene, case.duration, self.record, case.every, rtol=rtol, atol=atol,
+                             driven=case.tau is not None)  # fmt: skip
+        self.start = self.ready.start(case.state, case.reference, case.tau)
         self.arguments = self.ready.arguments(self.start)
 
     def once(self) -> float:
@@ -145,7 +147,7 @@ class Run:
         """Run by `simulate`; return its CPU time per simulated second [ms]."""
         case, start = self.case, time.thread_time()
         how: dict[str, Any] = dict(record=self.record, record_interval=case.every, rtol=self.rtol, estimate_error=False)
-        simulate(self.scene, case.duration, case.state, case.reference, **how)
+        simulate(self.scene, case.duration, case.state, case.reference, tau=case.tau, **how)
         return 1e3 * (time.thread_time() - start) / case.duration
 
     @property
@@ -294,10 +296,12 @@ def digest(case: Case) -> str:
     r = case.reference
     signal = r and (r.times, r.values, r.kind, r.cyclic)
     company = (scene.obstacles, scene.excluded, scene.options.pairs) if scene.pairs else ()
+    torques = () if case.tau is None else (case.tau.tolist(),)
     with np.printoptions(threshold=sys.maxsize, precision=17):
         text = in_full(
-            (__version__, scene.model, chosen, scene.constants.push, parts, signal, case.duration, case.every, *company)
-        )
+            (__version__, scene.model, chosen, scene.constants.push, parts, signal, case.duration, case.every, *company,
+             *torques)
+        )  # fmt: skip
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 

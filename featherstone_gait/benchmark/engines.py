@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base.rotation import rotation_from_rpy
 from ..model import Ground, Model
 from ..robot_file import save_robot
 from ..scene.compile import CompiledScene
@@ -23,6 +24,7 @@ from .case import Case, Truth, at_most, distances
 from .table import installed
 
 PEER_STEP = 2e-3  # MuJoCo's default [s]
+STIFFNESS = 400.0  # of drifted loops in Pinocchio [1/s^2]
 LONGEST = 10.0  # of a case that MuJoCo runs [s]
 
 
@@ -161,6 +163,24 @@ def in_pinocchio(model: Model) -> Any:
     if m.nv != model.nv:
         raise RuntimeError(f"{model.name}: Pinocchio reads another robot from its URDF; the comparison would be void")
     return m
+
+
+def loops_in_pinocchio(m: Any, model: Model) -> Any:
+    """Return loops `connect` and `hinge` as rigid constraints of Pinocchio; a hinge holds two points of its axis."""
+    found = pin.StdVec_RigidConstraintModel()
+    baumgarte = pin.BaumgarteCorrectorParameters(STIFFNESS, 2.0 * math.sqrt(STIFFNESS))
+    for loop in model.loops:
+        turns = rotation_from_rpy(loop.rpy_a), rotation_from_rpy(loop.rpy_b)
+        for k in range(2 if loop.kind == "hinge" else 1):
+            ends = []
+            for link, point, turn in zip((loop.a, loop.b), (loop.point_a, loop.point_b), turns):
+                at = pin.SE3(np.eye(3), np.add(point, turn @ np.multiply(k, loop.axis)))
+                frame = m.frames[m.getFrameId(link, pin.BODY) if link else 0]
+                ends += [frame.parentJoint, frame.placement * at]
+            held = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, m, *ends)
+            held.setBaumgarteCorrectorParameters(baumgarte)
+            found.append(held)
+    return found
 
 
 # ---------------------------------------------------------------------------------------------- cases of `default`

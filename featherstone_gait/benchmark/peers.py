@@ -5,11 +5,13 @@ All engines read the same URDF, run in turn in one process on one core, and are 
 Forward dynamics: the rows of `benchmark speed`.  Pinocchio's package is compiled for any x86-64 processor; compiled for
 this one it may be faster.
 
-Trajectories: the three scenes of the arm in `benchmark precision`, errors at the end of the run, from the same
-reference.  MuJoCo makes all steps in one call of `mj_step`, without contact and limits.  Its servo is a position
-actuator (clamped torque), the same with the damping at the joint (not clamped), or a DC motor.  SciPy's solvers call
-Pinocchio's `aba`.  The cost at an error is interpolated between neighboring settings of one method on logarithmic
-scales, but not across a jump of more than a factor 1000, where a step becomes stable.
+Trajectories: the three scenes of the arm and the closed loops in `benchmark precision`, errors at the end of the run,
+from the same reference.  MuJoCo makes all steps in one call of `mj_step`, without contact and limits.  Its servo is a
+position actuator (clamped torque), the same with the damping at the joint (not clamped), or a DC motor.  SciPy's
+solvers call Pinocchio's `aba`, and `constraintDynamics` with Baumgarte's correction where loops are closed.  MuJoCo's
+loops are soft; the squeezer is left out, for URDF does not know its spring.  The cost at an error is interpolated
+between neighboring settings of one method on logarithmic scales, but not across a jump of more than a factor 1000,
+where a step becomes stable.
 
 Humanoid: it stands, and walks a stride of a planned walk, with ten joints.  MuJoCo has position servos of the same
 stiffness, damping and reflected inertia, but no gearbox spring, current and energy meter.  The robots walk
@@ -44,6 +46,7 @@ from ..view.style import look, subplots
 from . import engines, speed
 from .case import Case, Run, case_of, deviation, solution
 from .engines import bounded, disable, mujoco, pin, rolled
+from .linkages import linkages
 from .precision import COLORS, ENOUGH, measure
 from .scenes import STIFF_SERVO, chain, free_arm, humanoids, stiff_arm
 from .table import in_turn, installed, machine, save_figure, tabulate, write_table
@@ -51,7 +54,8 @@ from .table import in_turn, installed, machine, save_figure, tabulate, write_tab
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Solver = Callable[[float, np.ndarray], tuple[np.ndarray, float]]  # from setting and start to the end and CPU time [s]
+# From setting and start to the end and CPU time [s].
+Solver = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, float]]
 Method = tuple[Sequence[float], Solver]  # with the settings to try
 
 KP, KD, LIMIT = (STIFF_SERVO[name] for name in ("Kp", "Kd", "torque_limit"))
@@ -60,6 +64,8 @@ LENGTHS = (7, 10, 20, 50, 100, 200)
 REPEATS, REPEATS_FULL = 9, 31
 STEPS = (0.1, 0.063, 0.05, 0.04, 0.02, *(m * 10.0**e for e in (-2, -3) for m in (1, 0.5, 0.25)), 2e-4, 1e-4, 5e-5, 2e-5,
          1e-5)  # fmt: skip
+FINEST_OF_LOOPS = -4  # of 10 s, down to 0.2 ms
+HARDEST = 0.9999  # of the impedances that MuJoCo takes
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 ENGINES = {(speed.MUJOCO, "float64"): "MuJoCo mj_forward", (speed.PINOCCHIO, "float64"): "Pinocchio aba",
            ("ABA", "float64"): "float64", ("ABA", speed.LANES): "lanes"}  # fmt: skip
@@ -231,8 +237,9 @@ def _mujoco_path(m: Any, problem: Case, state: np.ndarray, h: float) -> tuple[np
 
 
 def scenes() -> list[Case]:
-    """Return the arm alone, and with stiff servos without and with rotors."""
-    return [free_arm(), stiff_arm("standard"), stiff_arm("rotor")]
+    """Return the arm alone, and with stiff servos without and with rotors; and closed loops without springs."""
+    closed = (case for case in linkages() if not case.scene.springs)
+    return [free_arm(), stiff_arm("standard"), stiff_arm("rotor"), *closed]
 
 
 def trajectories(problem: Case, repeats: int) -> list[Point]:
@@ -242,12 +249,12 @@ def trajectories(problem: Case, repeats: int) -> list[Point]:
         Point(problem.name, row.integrator, row.step if math.isnan(row.rtol) else row.rtol, row.angle, row.time)
         for row in measure(problem, repeats)
     ]
-    q0, _ = problem.coordinates
+    q0, qd0 = problem.coordinates
     methods = {**mujoco_methods(problem), **scipy_methods(problem)}
     for name, (settings, solve) in progress_bar(methods.items(), desc=f"peers: {problem.name}", leave=False):
         for setting in settings:
             try:
-                q, least = _timed(functools.partial(solve, setting, q0), repeats)
+                q, least = _timed(functools.partial(solve, setting, q0, qd0), repeats)
             except ArithmeticError:
                 continue  # it failed: there is no result to compare
             error = float(np.abs(q - exact).max())
@@ -274,12 +281,17 @@ def mujoco_methods(problem: Case) -> dict[str, Method]:
         for name, integrator in integrators("Euler", "implicitfast", "implicit", "RK4", "discrete"):
             if servo != "joint damping" or name == "Euler":
                 label = f"MuJoCo {name}" + ("" if servo == "free" else f", {servo}")
-                methods[label] = (STEPS, _mujoco_solver(m, integrator, problem.duration))
+                steps = STEPS[: FINEST_OF_LOOPS if problem.model.loops else None]
+                methods[label] = (steps, _mujoco_solver(m, integrator, problem))
     return methods
 
 
 def _mujoco_arm(problem: Case, servo: str) -> Any:
     """Build the arm for MuJoCo with a servo at each joint; "joint damping" clamps the spring alone."""
+    if problem.model.loops:
+        m = engines.model_of(problem.scene)
+        m.eq_solimp[:, :2] = HARDEST  # as rigid as it goes
+        return m
     model = bounded(replace(problem.model, servos={}))
     spec, position = engines.spec_of(model), int(mujoco.mjtCtrlInput.mjINPUT_POS)
     for name in model.joint_names if servo != "free" else ():
@@ -298,17 +310,20 @@ def _mujoco_arm(problem: Case, servo: str) -> Any:
     return disable(spec.compile(), "CONTACT", "CONSTRAINT")
 
 
-def _mujoco_solver(m: Any, integrator: Any, duration: float) -> Solver:
-    d = mujoco.MjData(m)
+def _mujoco_solver(m: Any, integrator: Any, problem: Case) -> Solver:
+    d, duration = mujoco.MjData(m), problem.duration
+    places = [m.joint(name).qposadr[0] for name in problem.model.joint_names]
 
-    def solve(h: float, q0: np.ndarray) -> tuple[np.ndarray, float]:
+    def solve(h: float, q0: np.ndarray, qd0: np.ndarray) -> tuple[np.ndarray, float]:
         mujoco.mj_resetData(m, d)
         steps = max(1, round(duration / h))
-        m.opt.integrator, m.opt.timestep, d.qpos[:] = integrator, duration / steps, q0
+        m.opt.integrator, m.opt.timestep = integrator, duration / steps
+        d.qpos[places], d.qvel[places] = q0, qd0
+        m.eq_solref[:, 0] = 2.0 * m.opt.timestep  # the least that its manual allows
         path, spent = rolled(m, d, steps, 1)
         if d.warning.number.any():
             raise ArithmeticError
-        return path[-1], spent
+        return path[-1, places], spent
 
     return solve
 
@@ -318,27 +333,39 @@ def scipy_methods(problem: Case) -> dict[str, Method]:
     from scipy.integrate import solve_ivp
 
     model = bounded(replace(problem.model, servos={}))
-    m, n = engines.in_pinocchio(model), len(model.joint_names)
-    driven = problem.reference is not None
+    m = engines.in_pinocchio(replace(model, loops=()))
+    n, places = m.nv, [m.joints[m.getJointId(name)].idx_q for name in model.joint_names]
+    driven, loops = problem.reference is not None, engines.loops_in_pinocchio(m, model)
     if problem.scene.gearbox == "rotor":
         m.armature[:] = ARMATURE
+    m.gravity.linear = np.array(problem.scene.gravity)
     d, zero = m.createData(), np.zeros(n)
+    if loops:
+        held = pin.StdVec_RigidConstraintData()
+        held.extend([loop.createData() for loop in loops])
+        pin.initConstraintDynamics(m, d, loops, held)
+        proximal = pin.ProximalSettings(1e-12, 1e-8, 10)  # of rows that depend on each other
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         q, v = y[:n], y[n:]
+        if loops:
+            return np.concatenate([v, pin.constraintDynamics(m, d, q, v, zero, loops, held, proximal)])
         tau = np.clip(-KP * q - KD * v, -LIMIT, LIMIT) if driven else zero
         return np.concatenate([v, pin.aba(m, d, q, v, tau)])
 
-    def solve(method: str, rtol: float, q0: np.ndarray) -> tuple[np.ndarray, float]:
+    def solve(method: str, rtol: float, q0: np.ndarray, qd0: np.ndarray) -> tuple[np.ndarray, float]:
+        y0 = np.zeros(2 * n)
+        y0[places], y0[np.add(places, n)] = q0, qd0
         start = time.thread_time()
-        answer = solve_ivp(rates, (0.0, problem.duration), np.concatenate([q0, zero]), method, rtol=rtol, atol=rtol)
+        answer = solve_ivp(rates, (0.0, problem.duration), y0, method, rtol=rtol, atol=rtol)
         spent = time.thread_time() - start
         if not answer.success:
             raise ArithmeticError
-        return answer.y[:n, -1], spent
+        return answer.y[places, -1], spent
 
-    names = ("Radau", "LSODA") if problem.scene.gearbox == "standard" else ("Radau", "DOP853", "LSODA")
-    tolerances = {"Radau": TOLERANCES[:8]}
+    names: tuple[str, ...] = ("Radau", "LSODA") if problem.scene.gearbox == "standard" else ("Radau", "DOP853", "LSODA")
+    names = ("DOP853",) if loops else names  # Radau's Jacobian by differences takes minutes there
+    tolerances = {"Radau": TOLERANCES[:8], "DOP853": TOLERANCES[: 7 if loops else None]}
     return {f"SciPy {name}": (tolerances.get(name, TOLERANCES), functools.partial(solve, name)) for name in names}
 
 
@@ -370,7 +397,7 @@ def is_peer(method: str) -> bool:
 
 def lines(speeds: list[Speed], points: list[Point]) -> list[Line]:
     """Compare what is asked with what was measured."""
-    free, stiff, rotor = (problem.name for problem in scenes())
+    free, stiff, rotor, *closed = (problem.name for problem in scenes())
     steps = [p for p in points if p.problem == stiff and p.setting == 1e-2 and p.method in FIXED]
     best = min(steps, key=lambda p: p.error)
     both = ", ".join(f"{p.method} {p.error:.1e}" for p in steps)
@@ -385,6 +412,7 @@ def lines(speeds: list[Speed], points: list[Point]) -> list[Line]:
         _times(points, free, 1e-6, 16.0, rk4),
         _times(points, free, 1e-8, 20.0, rk4),
         _times(points, rotor, 1e-6, 1.5, rk4),
+        *(_times(points, name, error, 1.0) for name in closed for error in (1e-3, 1e-6)),
     ]  # fmt: skip
     for what in dict.fromkeys(row.what for row in speeds if row.robot == "humanoid" and "humanoid" in row.what):
         found += _humanoid_lines([row for row in speeds if row.what == what])
@@ -461,10 +489,12 @@ def _print_costs(points: list[Point], problem: str) -> None:
 
 @look()
 def _plot(path: Path, points: list[Point], notes: str) -> None:
-    """Draw a panel for each of the three scenes."""
+    """Draw a panel for each of the scenes."""
     problems = list(dict.fromkeys(p.problem for p in points))
-    figure, panels = subplots(18.0, 4.5, 1, len(problems), squeeze=False)
-    for panel, problem in zip(panels[0], problems):
+    figure, panels = subplots(18.0, 9.0, 2, 3)
+    for panel in panels.flat[len(problems) :]:
+        panel.set_axis_off()
+    for panel, problem in zip(panels.flat, problems):
         _scene_panel(panel, [p for p in points if p.problem == problem])
     figure.suptitle(notes, fontsize=8)
     save_figure(figure, path)

@@ -25,6 +25,7 @@ from ..scene.actuator import GearboxKind
 from ..scene.compile import compile_scene
 from ..scene.external import Push
 from .case import Case, case_of, settings
+from .linkages import linkages
 
 CENTER = (0.0, 0.0, 0.0)
 TINY = (1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-8)  # [kg m^2]
@@ -40,7 +41,7 @@ def problems() -> list[Case]:
     """Return the problems of `precision`, in the order of its table."""
     return [
         free_arm(), stiff_arm("standard"), stiff_arm("rotor"), geared_arm(), flying(), *humanoids(), rolling_ball(),
-        free_box("simple"), free_box("complex"), pendulum(), governor(),
+        free_box("simple"), free_box("complex"), pendulum(), *linkages(), governor(),
     ]  # fmt: skip
 
 

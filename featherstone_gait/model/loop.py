@@ -15,7 +15,12 @@ from .checks import angle_flaws, check, choice_flaws, freeze, name_flaws, quanti
 from .links import AXIS_TOLERANCE, Link, Vector
 
 LoopKind = Literal["connect", "weld", "hinge", "distance"]
-ROWS = {"connect": 3, "weld": 6, "hinge": 5, "distance": 1}  # equations of each kind
+ROWS = {  # equations of each kind, by what their forces are
+    "connect": ("x", "y", "z"),
+    "weld": ("x", "y", "z", "moment_x", "moment_y", "moment_z"),
+    "hinge": ("x", "y", "z", "moment_1", "moment_2"),
+    "distance": ("push",),
+}
 
 
 @dataclass(frozen=True)
@@ -70,7 +75,12 @@ class Loop:
     @property
     def rows(self) -> int:
         """Number of equations."""
-        return ROWS[self.kind]
+        return len(ROWS[self.kind])
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Names of the equations, by the forces that hold them: ``pin.x``."""
+        return tuple(f"{self.name}.{row}" for row in ROWS[self.kind])
 
     def _flaws(self, what: str) -> Iterator[str]:
         yield from name_flaws("loop", self.name)

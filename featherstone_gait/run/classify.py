@@ -64,6 +64,7 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
         }
     if scene.model.loops:
         info["loops"] = [loop.name for loop in scene.model.loops]
+        info["loop_rows"] = [name for loop in scene.model.loops for name in loop.row_names]
     if scene.pairs:
         info["pairs"] = [list(pair) for pair in scene.pairs]  # of each row, which the channel `pair` counts from 1
     if scene.adaptive:

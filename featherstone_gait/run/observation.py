@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,7 @@ from .classify import to_trajectory
 from .compiled_run import CompiledRun
 from .fleet import Fleet
 from .prepare import each_once, prepare
+from .range_sensor import RangeSensor, ranges
 from .trajectory import Trajectory
 
 SENSORS: dict[str, tuple[Callable[..., Any] | None, tuple[str, ...]]] = {
@@ -32,13 +34,19 @@ SENSORS: dict[str, tuple[Callable[..., Any] | None, tuple[str, ...]]] = {
 class View:
     """Read a channel or sensor of all robots, into an array that is used again."""
 
-    def __init__(self, fleet: Fleet, tick: float, name: str) -> None:
-        self.name, name = name, current_name(name)
-        if not isinstance(name, str) or name not in (*RECORDABLE, *SENSORS):
+    def __init__(self, fleet: Fleet, tick: float, what: str | RangeSensor) -> None:
+        self.name: str = what.name if isinstance(what, RangeSensor) else what
+        name = current_name(self.name)
+        if isinstance(what, RangeSensor):
+            self._sensor: Callable[..., Any] | None = functools.partial(ranges, sensor=what)
+            needed: tuple[str, ...] = ("base_q", "q")
+        elif isinstance(name, str) and name in (*RECORDABLE, *SENSORS):
+            self._sensor, needed = SENSORS.get(name, (None, (name,)))
+        else:
             known = ", ".join((*RECORDABLE, *SENSORS))
             raise ValueError(f"observe: there is no channel or sensor {shown(name)}; there are {known}")
-        self._channel, (self._sensor, needed) = name, SENSORS.get(name, (None, (name,)))
-        if fleet.runs[0].scene.model.base != "floating":
+        self._channel = name
+        if not fleet.runs[0].scene.tree.floating:
             needed = tuple(need for need in needed if self._sensor is None or not need.startswith("base"))
         self._runs = each_once(lambda run: prepare(run.scene, tick, needed), fleet.runs)
         self._values = np.zeros((len(fleet.runs), len(self._runs[0].channels)))

@@ -42,6 +42,7 @@ from .lane_constants import numbers_in
 from .observation import Log, View
 from .prepare import coordinates, each_once, most_ticks, prepare, steps_between_records, with_tolerance
 from .program import CompiledController, open_loop, with_ticks
+from .range_sensor import RangeSensor
 from .reference import Reference
 from .start import check_scene
 from .status import Status
@@ -73,8 +74,8 @@ class Session:
         their duty cycles from -1 to 1, past the controller but through limits, counts, delay and supply; "torque" on
         the joints [N m or N], in scenes without servos.  None: "reference" where there are servos, else "torque".
     observe
-        What `observe` and `step` return: channels of `simulate`, and the sensors encoders, gyroscope, accelerometer,
-        sole_forces, center_of_pressure and contact_positions.
+        What `observe` and `step` return: channels of `simulate`, the sensors encoders, gyroscope, accelerometer,
+        sole_forces, center_of_pressure and contact_positions, and each `RangeSensor` under its name.
     worlds
         Physical numbers in which the robots differ, one world for each robot.
     seed
@@ -132,7 +133,7 @@ class Session:
         scene: CompiledScene,
         n: int | None = None,
         action: Action | None = None,
-        observe: Iterable[str] = ("q", "qd"),
+        observe: Iterable[str | RangeSensor] = ("q", "qd"),
         *,
         worlds: Worlds | None = None,
         seed: int = 0,

@@ -128,7 +128,9 @@ def _axes_of(name: str, shape: tuple[int, ...], joints: list[str], whole: list[s
     channel, axes = BY_NAME.get(name), []
     for k, size in enumerate(shape):
         axis, labels = f"{name}_{k}", [str(number) for number in range(size)]
-        if channel is not None and channel.of in OF_JOINTS and k == 0 and size == len(joints):
+        if channel is not None and channel.of == "row" and size == len(joints):
+            axis, labels = channel.of, list(joints)
+        elif channel is not None and channel.of in OF_JOINTS and k == 0 and size == len(joints):
             axis, labels = "joint" if joints == whole else "position", list(joints)
         elif channel is not None and channel.of in ("point", "slot", "turning") and k == 0:
             axis = channel.of if len(shape) > 1 or channel.width == 1 else axis

@@ -273,7 +273,7 @@ def _own(channels: Mapping[str, np.ndarray], share: Share) -> dict[str, np.ndarr
         channel, flat = BY_NAME.get(name), values.reshape(len(values), -1)
         if channel is None:  # time
             found[name] = values
-        elif channel.of not in ("slot", "turning", "pairs") and not (channel.of == "base" and share["fixed"]):
+        elif channel.of not in ("slot", "turning", "pairs", "row") and not (channel.of == "base" and share["fixed"]):
             found[name] = shaped(channel, flat[:, owned(channel, share, flat.shape[1])])
     return found
 

@@ -74,7 +74,9 @@ def column_of(name: str, label: str) -> int:
 
 
 def joint_labels(info: Mapping[str, Any], name: str) -> list[str]:
-    """Return the names of a run's joints, of the channel q those of its numbers; info: of the run."""
+    """Return the names of a run's joints, of the channel q those of its numbers, of loops' those of their rows."""
+    if name in BY_NAME and BY_NAME[name].of == "row":
+        return list(info.get("loop_rows") or ())
     return list(info.get("positions" if name == "q" and "positions" in info else "joints") or ())
 
 
@@ -83,7 +85,7 @@ Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in for
 
 def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
     """Return the indices of the numbers of a channel, `size` in the scene, that are a member's."""
-    if channel.of in ("slot", "turning", "pairs"):  # of two members, or of none
+    if channel.of in ("slot", "turning", "pairs", "row"):  # of two members, or of none
         return np.arange(0)
     if channel.of in ("run", "source") or not size:
         return np.arange(size)

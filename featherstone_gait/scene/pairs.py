@@ -194,11 +194,11 @@ def _parts(members: Sequence[Member], obstacles: Sequence[Placed], tree: Tree, g
             link = link_name(placed.name, shape.link)
             solids.append(Solid(link, placed.name, WORLD, beyond, False, shape, turn, at))
     if ground is not None and any(solid.moves and not solid.on_points for solid in solids):
-        solids += _of_ground(ground, beyond)
+        solids += of_ground(ground, beyond)
     return Parts(solids, np.concatenate(meeting), notes)
 
 
-def _of_ground(ground: Ground, beyond: int) -> list[Solid]:
+def of_ground(ground: Ground, beyond: int) -> list[Solid]:
     """Return the ground as a height field, or as all below its lowest tread with a box for each other one."""
     if ground.field is not None:
         place = np.eye(3), np.array([0.0, 0.0, ground.height])

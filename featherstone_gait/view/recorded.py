@@ -423,7 +423,7 @@ def columns_of(name: str, values: np.ndarray, joints: Sequence[str], summed: boo
     """Flatten a channel to labels and columns (samples, n); summed: of all joints or points together."""
     channel, several = BY_NAME.get(name), not (summed and values.ndim == 3)
     flat = values.reshape(len(values), -1) if several else values.sum(axis=1)
-    named = joints if several and (channel is None or channel.of in ("joint", "servo", "rotor")) else ()
+    named = joints if several and (channel is None or channel.of in ("joint", "servo", "rotor", "row")) else ()
     choices = (named, channel.labels if channel is not None else (), [str(k) for k in range(flat.shape[1])])
     return next(list(labels) for labels in choices if len(labels) == flat.shape[1]), flat
 

@@ -99,4 +99,5 @@ def test_a_pendulum_whose_rod_closes_a_loop():
     for integrator in ("midpoint", "rk4"):
         scene = compile_scene(model, None, None, integrator, 2e-3)
         runs.append(simulate(scene, 0.02, initial_state(scene, start), **ALONE))
-    assert digest(*runs) == "3477331a82d0c6ac"
+    found = b"".join(run[name].tobytes() for run in runs for name in ("q", "qd"))
+    assert hashlib.sha256(found).hexdigest()[:16] == "abe87f5b678af9fc"

@@ -1,6 +1,7 @@
 """Loops in time: orders of integrators, tolerances, energy, momentum, lanes."""
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -22,15 +23,22 @@ from test_loops import (
 )
 
 from featherstone_gait import (
+    Distribution,
     Ground,
+    Joint,
+    Link,
     Loop,
+    Model,
     Reference,
+    Session,
+    Worlds,
     close_loops,
     compile_scene,
     energy,
     forward_kinematics,
     initial_state,
     load_robot,
+    loop_forces,
     loop_gaps,
     loop_jacobian,
     momentum,
@@ -224,3 +232,54 @@ def test_loops_run_to_the_same_bits_in_lanes(integrator):
     for start, run in zip(starts, together, strict=True):
         alone = simulate(scene, 0.2, start, record=("q",), estimate_error=False)
         assert alone.final.tobytes() == run.final.tobytes()
+
+
+@pytest.mark.long
+def test_worlds_and_sessions_with_loops_give_the_bits_of_one_run():
+    model, q = servo_four_bar(), four_bar_angles(1.0)
+    scene = compile_scene(model, "mipsd", None, "implicit_euler", 1e-3)
+    reference = Reference([0.0, 0.1], np.stack([q, np.add(q, (0.1, 0.0, 0.0))]))
+    worlds = Worlds(9, links={"mass": Distribution("uniform", 0.2)}, servos={"Kp": Distribution("uniform", 0.2)})
+    start = initial_state(scene, q)
+    plain = {"record": ("q",), "estimate_error": False}
+    together = simulate_batch(scene, 0.1, [start] * 9, [reference] * 9, worlds=worlds, **plain)
+    for world, run in zip(worlds.scenes(scene), together, strict=True):
+        alone = simulate(world, 0.1, start, reference, **plain)
+        assert alone.final.tobytes() == run.final.tobytes()
+        assert np.abs(loop_gaps(model, run["q"])).max() < 1e-12
+    with Session(scene, estimate_error=False) as session:
+        session.reset(state=start)
+        goal = np.add(q, (0.1, 0.0, 0.0))
+        for _ in range(10):
+            session.step(goal)
+        alone = simulate(scene, 10 * session.tick, start, Reference([0.0], goal[None]), **plain)
+        assert alone.final.tobytes() == session.state[0].tobytes()
+
+
+# ------------------------------------------------------------------------------------------------ forces
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4", "dop853"])
+def test_a_weight_on_a_rod_pulls_with_its_weight(integrator):
+    slide = Joint("slide", "prismatic", "frame", "weight", axis=(0.0, 0.0, 1.0))
+    rod = Loop("rod", "distance", "weight", "frame", point_b=(0.3, 0.0, 0.5), distance=math.hypot(0.3, 0.5))
+    model = Model("hung", (Link("frame"), Link("weight", 2.0)), (slide,), loops=(rod,))
+    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
+    run = simulate(scene, 0.01, record=("q", "loop_force"), estimate_error=False)
+    assert run["loop_force"].shape == (2, 1)
+    assert run["loop_force"][-1, 0] * -0.5 / rod.distance == pytest.approx(2.0 * 9.81, rel=1e-12)  # the rod is drawn
+    assert run["q"][-1, 0] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_forces_of_loops_are_those_of_the_accelerations_and_do_no_work():
+    model, tau = slider_crank(), np.array([2.0, 0.0, 0.0])
+    scene = compile_scene(model)
+    how = {"record": ("q", "qd", "loop_force", "energy"), "rtol": 1e-10, "estimate_error": False}
+    run = simulate(scene, 0.5, initial_state(scene, at_crank(0.3)), tau=tau, **how)
+    forces = loop_forces(model, run["q"][1:], run["qd"][1:], np.tile(tau, (len(run["q"]) - 1, 1)))
+    np.testing.assert_allclose(run["loop_force"][1:], forces, rtol=0, atol=1e-9 * np.abs(forces).max())
+    total = energy(model, run["q"], run["qd"]).total
+    np.testing.assert_allclose(run.column("energy", "work").sum(axis=1), total - total[0], rtol=0, atol=1e-8)
+    assert {f"loop_force.pin.{axis}" for axis in "xyz"} < set(run.to_pandas())
+    assert run.to_xarray()["loop_force"].dims == ("time", "row")

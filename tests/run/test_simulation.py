@@ -115,6 +115,7 @@ def test_every_channel_has_its_shape():
         "duty",
         "bus_voltage",
         "source_loss",
+        "loop_force",
     )
     for name in run:
         nothing = name.startswith(("base", "ball", "pair", "tendon")) or name in absent

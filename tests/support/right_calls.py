@@ -128,6 +128,7 @@ def _parts() -> Iterator[Call]:
         fg.Via("a", (0.1, 0.0, 0.0)),
         fg.Tendon("strap", (), (fg.Via("a"), fg.Via("b")), 1.0),
         fg.Tendon("tendon", (("one", 1.0),), rest=(0.0, 0.1), lower=-1.0, upper=1.0),
+        fg.RangeSensor("a", [[1.0, 0.0, 0.0]], reach=2.0),
         fg.Sphere(1.0),
         fg.Capsule(1.0, 1.0),
         fg.Cylinder(1.0, 1.0),
@@ -223,6 +224,9 @@ def _scenes() -> Iterator[Call]:
     yield Call("compile_scene", fg.compile_scene, touching)
     yield Call("initial_state", fg.initial_state, {"scene": both, "q": {"ball": [0, 0, 1, 1, 0, 0, 0]}, "qd": {}})
     close = fg.compile_scene(replace(company(), pairs="all"), timestep=1e-3)
+    seen = fg.RangeSensor("arm/b", [[1.0, 0.0, 0.0]])
+    run = fg.simulate(close, 0.01, estimate_error=False)
+    yield Call("ranges", fg.ranges, {"scene": close, "trajectory": run, "sensor": seen})
     yield Call("overlaps", fg.overlaps, {"scene": close, "state": fg.initial_state(close)})
     yield Call("Push", lambda **push: fg.simulate(driven, 0.01, pushes=[fg.Push(**push)]), push[0]._asdict(), True)
     begin = {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "allow_limit_violation": False}

@@ -68,6 +68,8 @@ def close_loops(loops, contact, step):
         close(scene, loops.part[0], contact, loops.table, lines, IN_STEP, step.W, work.rows, scratch, work.force)
         release_rows(lines, scene.tree, loops.part[0], len(work.rows), 0, step.W, work.responses, work.roots)
         keep_factors(loops.part[0], scene.tree, step.W, work.factors)
+        for r in range(len(work.force)):
+            step.y[step.offsets.loop_force + r] = work.force[r]
 
 
 @kernel

@@ -25,7 +25,7 @@ from .pace import PACE
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
 Of = Literal[
     "base", "ball", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot",
-    "turning", "pairs", "tendon",
+    "turning", "pairs", "tendon", "row",
 ]  # fmt: skip
 
 
@@ -36,7 +36,8 @@ class Channel(NamedTuple):
     kind: Kind
     of: Of  # what has it: each floating base, ball joint, joint, joint with a servo or rotor, contact point, tree, the
     # run, the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
-    # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, and each tendon
+    # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, each tendon, and
+    # each row of a loop
     width: int  # numbers each
     unit: str
     what: str
@@ -78,6 +79,7 @@ CHANNELS = (
     Channel("base_qdd", "derived", "base", 6, "m/s², rad/s²", "rates of base_qd"),
     Channel("qdd", "derived", "joint", 1, "rad/s² or m/s²", "joint accelerations"),
     Channel("torque", "derived", "joint", 1, "N m or N", "what drives a joint: actuator and torques from outside"),
+    Channel("loop_force", "derived", "row", 1, "N or N m", "force of a loop on its first link, moments after forces"),
     Channel("contact_force", "derived", "point", 3, "N", "force of the ground on a contact point", _FORCE),
     Channel("pair_force", "derived", "slot", 3, "N", "force between bodies on the first, world axes", tuple("xyz")),
     Channel("pair_normal_force", "derived", "slot", 1, "N", "its part along the normal"),
