@@ -30,6 +30,7 @@ from ..run.classify import to_trajectory
 from ..run.prepare import prepare, with_tolerance
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
+from ..run.start import positions_in
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 
@@ -81,8 +82,8 @@ class Case(NamedTuple):
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Initial positions and velocities."""
         o, n, base, y = self.scene.layout, self.scene.tree.n, self.scene.tree.floating, self.state
-        q = np.concatenate([y[o["base_q"] : o["base_q"] + 7 * base], y[o["q"] : o["q"] + n]])
-        return q, np.concatenate([y[o["base_qd"] : o["base_qd"] + 6 * base], y[o["qd"] : o["qd"] + n]])
+        v = np.concatenate([y[o["base_qd"] : o["base_qd"] + 6 * base], y[o["qd"] : o["qd"] + n]])
+        return positions_in(self.scene, y), v
 
     @property
     def signal(self) -> Reference:
@@ -169,7 +170,7 @@ def separations(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[np.ndar
 
     Of several bases the largest counts.
     """
-    bases = q.shape[1] - len(model.moving_joints)
+    bases = q.shape[1] - len(model.position_names)
     joints = np.abs(q[:, bases:] - exact[:, bases:]).max(axis=1, initial=0.0)
     if not bases:
         return joints, np.full(len(q), math.nan)

@@ -203,6 +203,12 @@ def free_cases() -> Iterator[Case]:
         scene = compile_scene(ball(), None, Ground(damping_ratio=ratio), **NO_FALL)
         start = [0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0]
         yield case_of(f"ball dropped by 50 mm, damping ratio {ratio:g}", "free bodies", scene, 0.5, start, None)
+    for name, speed in (("top, slow", 60.0), ("top, fast", 300.0)):
+        scene = compile_scene(top())
+        yield case_of(name, "ball joints", scene, 2.0, [math.cos(0.2), math.sin(0.2), 0.0, 0.0], [0.0, 0.0, speed])
+    scene = compile_scene(hung())
+    start = [math.cos(0.5), math.sin(0.5), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    yield case_of("two bars on ball joints", "ball joints", scene, 2.0, start, [0.0, 1.0, 2.0, 0.0, 0.0, 1.0])
     yield case_of("wheel at 1000 rad/s", "free bodies", compile_scene(wheel()), 10.0, None, [1000.0])
 
 
@@ -211,6 +217,22 @@ def spinning(name: str, speed: float, duration: float, **more: Any) -> Case:
     scene = compile_scene(box(), None, Ground(), gravity=WEAK, **NO_FALL)
     turning = [0.0, 0.0, 0.0, 0.6 * speed, 0.0, 0.8 * speed]
     return case_of(name, "free bodies", scene, duration, [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0], turning, **more)
+
+
+def top() -> Model:
+    """Return a top of 0.1 kg on its tip, 3 cm below its center."""
+    links = (Link("base"), Link("top", 0.1, (0.0, 0.0, 0.03), (2e-5, 0.0, 0.0, 2e-5, 0.0, 3e-5)))
+    return Model("top", links, (Joint("tip", "ball", "base", "top"),))
+
+
+def hung() -> Model:
+    """Return two bars of 0.3 m, hung at ball joints one below the other."""
+    bars = (Link(name, 0.5, (0.0, 0.0, -0.15), (4e-3, 0.0, 0.0, 4e-3, 0.0, 1e-4)) for name in ("upper", "lower"))
+    joints = (
+        Joint("shoulder", "ball", "base", "upper"),
+        Joint("elbow", "ball", "upper", "lower", (0.0, 0.0, -0.3)),
+    )
+    return Model("bars", (Link("base"), *bars), joints)
 
 
 def wheel() -> Model:

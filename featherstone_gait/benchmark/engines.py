@@ -7,7 +7,7 @@ import math
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -223,8 +223,16 @@ def model_of(scene: CompiledScene) -> Any:
 def _rolled(m: Any, case: Case) -> tuple[np.ndarray, float]:
     """Return positions (samples, nq) in this package's order of joints, and the CPU time [s]."""
     d, base, (q, qd) = mujoco.MjData(m), case.scene.tree.floating, case.coordinates
-    joints = [m.joint(name) for name in case.model.joint_names]
-    at_q = [*range(7 * base), *(joint.qposadr[0] for joint in joints)]
-    d.qpos[at_q], d.qvel[[*range(6 * base), *(joint.dofadr[0] for joint in joints)]] = q, qd
+    balls_of = {f"{ball}.{axis}": ball for ball in case.model.ball_names for axis in ("rx", "ry", "rz")}
+    joints = [m.joint(name) for name in dict.fromkeys(balls_of.get(name, name) for name in case.model.joint_names)]
+    balls = [joint.type[0] == mujoco.mjtJoint.mjJNT_BALL for joint in joints]
+    at_q = [*range(7 * base), *_places((joint.qposadr[0] for joint in joints), balls, 4)]
+    d.qpos[at_q], d.qvel[[*range(6 * base), *_places((joint.dofadr[0] for joint in joints), balls, 3)]] = q, qd
     path, seconds = rolled(m, d, round(case.every / PEER_STEP), round(case.duration / case.every))
     return path[:, at_q], seconds
+
+
+def _places(first: Iterable[int], balls: Iterable[bool], width: int) -> Iterator[int]:
+    """Yield the indices of the numbers of joints, of a ball joint `width` and of another one 1."""
+    for at, ball in zip(first, balls):
+        yield from range(at, at + (width if ball else 1))

@@ -64,6 +64,16 @@ from featherstone_gait import Box, Placed, body
 boxes = [Placed(body(Box((0.1, 0.1, 0.1)), 1.0), name, (0.0, 0.0, z)) for name, z in (("one", 0.05), ("two", 0.15))]
 simulate(compile_scene(boxes, ground=Ground(), pairs={!r}), 0.1)
 """
+BALL_JOINT = """
+from featherstone_gait import Joint, Link, Model
+links = Link("base"), Link("bob", 1.0, (0.1, 0.0, 0.0), (1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3))
+simulate(compile_scene(Model("pendulum", links, (Joint("shoulder", "ball", "base", "bob"),))), 0.1)
+"""
+LOOP = """
+from featherstone_gait.benchmark.linkages import bricard
+case = bricard()
+simulate(case.scene, 0.1, case.state)
+"""
 LINKS = 'scene = compile_scene(load_robot("humanoid"), gearbox="mipsd", ground=Ground(), pairs="all")\n'
 MAXIMAL = "from featherstone_gait.reproduction import maximal\n"
 SIMTWO = MAXIMAL + HUMANOID.format(', integrator="simtwo", timestep=1e-3')
@@ -79,6 +89,8 @@ KINDS = {  # first results
     "forward dynamics": ABA.replace("NUMBER", "1"),
     "forward dynamics of eight at once": ABA.replace("NUMBER", "8"),
     "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
+    "pendulum on a ball joint": BALL_JOINT,
+    "Bricard's closed loop": LOOP,
     "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), gearbox="rotor"), 0.1)',
     "the same with firmware and supply": FED + 'simulate(compile_scene(fed, gearbox="rotor"), 0.1)',
     "humanoid on the ground": BY_DEFAULT + "simulate(scene, 0.1)",
