@@ -90,6 +90,7 @@ from .run.simulate import simulate as simulate
 from .run.simulate import simulate_batch as simulate_batch
 from .run.simulate import standing_state as standing_state
 from .run.status import Status as Status
+from .run.switch import switch_loop as switch_loop
 from .run.trajectory import Trajectory as Trajectory
 from .run.worlds import Distribution as Distribution
 from .run.worlds import Worlds as Worlds

@@ -256,14 +256,17 @@ def loop_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
     return _shaped(loop_measures(model, q)[1], q)
 
 
-def loop_measures(model: Model, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Compute gap, J qd and Jdot qd (n, 3, m) of loops, and J (n, m, nv)."""
+def loop_measures(
+    model: Model, q: ArrayLike, qd: ArrayLike | None = None, places: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute gap, J qd and Jdot qd (n, 3, m) of loops, and J (n, m, nv); places: other ones than the loops' own."""
     x = _arguments(check_model(model), q=q, qd=np.zeros(model.nv) if qd is None else qd)
     tree, loops, n = compile_tree(model), build_loops(model), len(x["q"])
     measures, J = np.zeros((n, 3, loops.rows)), np.zeros((n, loops.rows, tree.n))
     base_J = np.zeros((n, loops.rows, 6)) if tree.floating else None
     robot, at = Robot(tree.bodies, None, np.zeros(3)), _motion(tree, x["q"], x["qd"])
-    batch.loop_rows(robot, loops.table, at, _work(tree), np.zeros((loops.rows, ROW_SIZE)), measures, base_J, J)
+    held = loops.held if places is None else (loops.held[0], places)
+    batch.loop_rows(robot, (loops.table, held), at, _work(tree), np.zeros((loops.rows, ROW_SIZE)), measures, base_J, J)
     return measures, J if base_J is None else np.concatenate([base_J, J], axis=2)
 
 
@@ -278,9 +281,8 @@ def _closed(
     given = *_split(tree, x["tau"]), _external(model, tree, x["q"], wrench, robot.gravity)
     shapes = (m, ROW_SIZE), (m, 1, tree.n + 1), (m, 1, SIDE), (m, m + 2)
     scratch = _work(tree), *(np.zeros(shape) for shape in shapes)
-    batch.closed_rows(
-        robot, (loops.trees, loops.table), _motion(tree, x["q"], x["qd"]), given, scratch, (base_qdd, qdd, forces)
-    )
+    which, at = (loops.trees, loops.table, loops.held), _motion(tree, x["q"], x["qd"])
+    batch.closed_rows(robot, which, at, given, scratch, (base_qdd, qdd, forces))
     return (qdd if base_qdd is None else np.concatenate([base_qdd, qdd], axis=1)), forces
 
 

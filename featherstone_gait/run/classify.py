@@ -13,14 +13,14 @@ from ..core.effects.stop import explicit_limit
 from ..core.integrate.adaptive import PROGRESS, STALLED
 from ..core.step import pace
 from ..core.step.context import Plan
-from ..dynamics import center_of_mass, loop_gaps
+from ..dynamics import center_of_mass
 from ..model import Model
 from ..scene.compile import CompiledScene
 from ..scene.contact import over_ground
 from ..scene.forest import shares
 from .compiled_run import CompiledRun
 from .prepare import least_step
-from .start import CLOSED, positions_in, what_is_loose_at
+from .start import CLOSED, open_rows, positions_in, what_is_loose_at
 from .status import OF_CODE, Status
 from .trajectory import Trajectory
 
@@ -97,7 +97,8 @@ def classify(scene: CompiledScene, end: float, y: np.ndarray) -> Outcome:
 
 def _opened(scene: CompiledScene, y: np.ndarray) -> str:
     """Return part of a sentence that names the loop that is open most in a state, if one is."""
-    gaps = np.abs(loop_gaps(scene.model, positions_in(scene, y)))
+    rates = np.concatenate([y[slice(*scene.part(name))] for name in ("base_qd", "qd")])
+    gaps = open_rows(scene, positions_in(scene, y), rates, scene.state_view(y))[0]
     names, worst = [loop.name for loop in scene.model.loops for _ in range(loop.rows)], int(gaps.argmax())
     return f", and loop {names[worst]!r} is open by {gaps[worst]:.3g} m or rad" if gaps[worst] > CLOSED else ""
 

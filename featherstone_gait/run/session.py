@@ -46,6 +46,7 @@ from .range_sensor import RangeSensor
 from .reference import Reference
 from .start import check_scene
 from .status import Status
+from .switch import WITHIN, switch_loop
 from .trajectory import Trajectory, of_second_run
 from .worlds import Worlds
 
@@ -273,6 +274,32 @@ class Session:
                 for group in fleet.groups:
                     for part in parts:
                         group.write_state(who, states, part)
+            return self._observed()
+
+    def switch_loop(
+        self, name: str, closed: bool, mask: ArrayLike | None = None, within: float = WITHIN
+    ) -> Observation:
+        """Make or break a loop, without passing of time; return what is observed.
+
+        Parameters
+        ----------
+        name
+            Name of the loop.
+        closed, within
+            As in `switch_loop`: whether to make it or to break it, and the largest gap at which it is made [m or rad].
+        mask
+            Which robots (n,) bool; None: all.
+        """
+        with self._alone():
+            who, changed = self._mask(mask), []
+            for fleet in self._fleets:
+                states = fleet.states()
+                for robot in np.flatnonzero(who).tolist():
+                    states[robot] = switch_loop(fleet.runs[robot].scene, states[robot], name, closed, within)
+                changed.append(states)
+            for fleet, states in zip(self._fleets, changed):
+                for group in fleet.groups:
+                    group.write_state(who, states, slice(None))
             return self._observed()
 
     def step(self, action: ArrayLike | None = None, ticks: int = 1) -> Observation:

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base import deprecated
-from ..base.arguments import instance, shown, truth, vector
-from ..base.fixed_order import applied, total
+from ..base.arguments import instance, listed, one_of, shown, truth, vector
+from ..base.fixed_order import total
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
 from ..core.effects.firmware import TURN
 from ..core.step import pace
 from ..core.step.signals import Knots
-from ..dynamics import forward_kinematics, loop_gaps, loop_jacobian
+from ..core.tree.loop import PLACE
+from ..dynamics import forward_kinematics
+from ..dynamics.algorithms import loop_measures
 from ..dynamics.inverse_kinematics import close_loops, is_flipped
 from ..model import Model
 from ..model.composite import TOLERANCE
 from ..model.numpy_dynamics import at_joints, what_is_loose, with_quaternions
+from ..scene.channels import StateView
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from ..scene.forest import Member, state_index
+from ..scene.loop import build_loops
 from ..scene.tree import check_followers, followed
 from .status import OF_CODE
 from .trajectory import Trajectory
@@ -41,6 +46,7 @@ def initial_state(
     q: ArrayLike | Mapping[str, ArrayLike] | None = None,
     qd: ArrayLike | Mapping[str, ArrayLike] | None = None,
     allow_limit_violation: bool = False,
+    open_loops: Sequence[str] = (),
 ) -> np.ndarray:
     """Return the state of a robot at given positions and velocities.
 
@@ -58,6 +64,8 @@ def initial_state(
         Velocities (nv,) [m/s, rad/s], or a dictionary of such.  None: zero.
     allow_limit_violation
         Allow a joint more than 0.01 rad or m beyond its limits, whose stop then throws it back.
+    open_loops
+        Names of loops that are open; `switch_loop` makes them.
 
     Returns
     -------
@@ -71,14 +79,16 @@ def initial_state(
     """
     check_scene(scene)
     truth("allow_limit_violation", allow_limit_violation)
+    names = loop_names(scene, open_loops)
     if scene.members:
         return _of_members(scene, q, qd, allow_limit_violation)
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(o["length"])
     y[o["step_control"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
     default = _default(model, scene)
-    if model.loops and q is None:
-        default = close_loops(model, default, hold_base=True)
+    if q is None and len(names) < len(model.loops):
+        kept = tuple(loop for loop in model.loops if loop.name not in names)
+        default = close_loops(replace(model, loops=kept), default, hold_base=True)
     if model.base == "floating":
         if scene.ground is not None and q is None:
             default[2] = standing_height(model, scene.ground, default)
@@ -87,12 +97,16 @@ def initial_state(
     q = vector("q", default if q is None else q, model.nq)
     qd = vector("qd", np.zeros(model.nv) if qd is None else qd, model.nv)
     check_quaternion(scene, q[3:7], SHORTEST, LONGEST)
-    _check_closed(model, q, qd)
+    view = scene.state_view(y)
+    if model.loops:
+        held = build_loops(model).held
+        view.loop_closed[:] = [loop.name not in names for loop in model.loops]
+        view.loop_place[...] = held[1].reshape(-1, PLACE)
+        _check_closed(scene, q, qd, view)
     joints, rates = model.single_positions(q), qd[len(qd) - n :]
     check_followers(model, scene.tree.coupling, joints, rates)
     given = {"q": joints, "qd": rates, "filtered_speed": rates, "rotor": joints, "rotor_speed": rates}
     given |= {"profiled_reference": joints, "base_q": q[:7], "base_qd": qd[:6]}
-    view = scene.state_view(y)
     for name, values in given.items():
         if name in view:
             view[name][...] = values
@@ -255,11 +269,28 @@ def check_unit(what: str, quaternion: np.ndarray, shortest: float, longest: floa
         )
 
 
-def _check_closed(model: Model, q: np.ndarray, qd: np.ndarray) -> None:
-    """Raise ValueError for positions or velocities at which loops are open."""
-    if not model.loops:
-        return
-    gaps, speeds = np.abs(loop_gaps(model, q)), np.abs(applied(loop_jacobian(model, q), qd))
+def loop_names(scene: CompiledScene, names: Any) -> list[str]:
+    """Return names of loops of a scene; ValueError for others."""
+    names, known = listed("open_loops", names, "give a list of names"), [loop.name for loop in scene.model.loops]
+    for name in names:
+        one_of("loop", name, known or ["(none: the model has no loops)"])
+    return names
+
+
+def open_rows(scene: CompiledScene, q: np.ndarray, qd: np.ndarray, view: StateView) -> np.ndarray:
+    """Compute by how much closed loops are open [m or rad], and how fast these gaps grow (2, rows); zero of open ones.
+
+    view: of a state, with what it says of loops.
+    """
+    model = scene.model
+    measures, _ = loop_measures(model, q, qd, view.loop_place.ravel())
+    closed = np.repeat(view.loop_closed > 0.0, [loop.rows for loop in model.loops])
+    return np.where(closed, np.abs(measures[0, :2]), 0.0)
+
+
+def _check_closed(scene: CompiledScene, q: np.ndarray, qd: np.ndarray, view: StateView) -> None:
+    """Raise ValueError for positions or velocities at which closed loops are open; view: of the state."""
+    model, (gaps, speeds) = scene.model, open_rows(scene, q, qd, view)
     names = [loop.name for loop in model.loops for _ in range(loop.rows)]
     fast, remedies = max(1.0, float(np.abs(qd).max())), ("close_loops(model, q)", "loop_jacobian(model, q) @ qd = 0")
     for what, values, most, unit, remedy in (
@@ -269,10 +300,12 @@ def _check_closed(model: Model, q: np.ndarray, qd: np.ndarray) -> None:
         worst = int(values.argmax())
         if not values[worst] <= most:
             opened = f"loop {names[worst]!r} is open by {values[worst]:.6g} {unit}"
-            raise ValueError(f"{model.name}: at this {what} {opened}; at most {most:.1g}: {remedy}")
-    poses = forward_kinematics(model, q)
-    for loop in model.loops:
-        if is_flipped(model, poses, loop):
+            raise ValueError(
+                f"{model.name}: at this {what} {opened}; at most {most:.1g}: {remedy}, or name it in open_loops"
+            )
+    poses, own = forward_kinematics(model, q), build_loops(model).held[1].reshape(-1, PLACE)
+    for loop, closed, place, first in zip(model.loops, view.loop_closed, view.loop_place, own):
+        if closed and np.array_equal(place, first) and is_flipped(model, poses, loop):
             raise ValueError(
                 f"{model.name}: at this q loop {loop.name!r} is off by half a turn; give {remedies[0]}, from near a "
                 "closed posture"
@@ -322,7 +355,7 @@ def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
         )
     if scene.model.loops:
         rates = np.concatenate([y[slice(*scene.part(name))] for name in ("base_qd", "qd")])
-        _check_closed(scene.model, positions_in(scene, y), rates)
+        _check_closed(scene, positions_in(scene, y), rates, scene.state_view(y))
     return y
 
 

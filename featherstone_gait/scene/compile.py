@@ -601,6 +601,7 @@ def _places(tree: Tree, constants: Scene) -> np.recarray:
             "turning": 0 if pairs is None or pairs.turning is None else int(pairs.slots[0]),
             "pairs": int(pairs is not None),
             "tendon": 0 if constants.tendons is None else len(constants.tendons.table),
+            "loop": 0 if constants.loops is None else len(constants.loops.table),
             "row": 0 if constants.loops is None else int(constants.loops.rows[0]),
         }
     )

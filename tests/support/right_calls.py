@@ -231,6 +231,12 @@ def _scenes() -> Iterator[Call]:
     yield Call("Push", lambda **push: fg.simulate(driven, 0.01, pushes=[fg.Push(**push)]), push[0]._asdict(), True)
     begin = {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "allow_limit_violation": False}
     yield Call("initial_state", fg.initial_state, begin)
+    tied = replace(robot, loops=(fg.Loop("rod", "distance", "b", None, (0.1, 0.0, 0.0), distance=5.0),))
+    bound = fg.compile_scene(tied, "rotor", None, "implicit_euler", 1e-3)
+    free = {"scene": bound, "q": [0.1, 0.1], "open_loops": ["rod"]}
+    yield Call("initial_state", fg.initial_state, free)
+    switch = {"scene": bound, "state": fg.initial_state(**free), "name": "rod", "closed": True, "within": 10.0}
+    yield Call("switch_loop", fg.switch_loop, switch)
     yield Call("reset_time", fg.reset_time, {"scene": driven, "state": fg.initial_state(driven)})
     yield Call("initial_state", fg.initial_state, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "qd": np.zeros(7)})
     yield Call("standing_state", fg.standing_state, {"scene": over, "angles": [0.0], "allow_limit_violation": False})

@@ -161,7 +161,7 @@ def _close(loops, run, y):
     columns, offsets = in_lanes(run.work.columns), run.offsets[0]
     for i in range(offsets.step_control):
         columns.y[i] = y[i]
-    factor_at(loops, run.scene, offsets, columns, columns.y)
+    factor_at(loops, run.scene, offsets, (columns.W, columns.closing), columns.y)
     project(loops, run.scene, offsets, columns, columns.y)
     for i in range(offsets.after_coordinates):
         y[i] = run.work.columns.y[i, 0]

@@ -15,7 +15,7 @@ from ..compile.jit import address_of
 from ..effects.contact import SCRATCH as CONTACT_SCRATCH
 from ..effects.pair import COLUMNS as PAIR_SCRATCH
 from ..effects.pair import OLD, SHAPE_POSE, Pool
-from ..step.closure import Closing
+from ..step.closure import Closing, Loops
 from ..step.context import Scratch
 from ..step.newton import SCRATCH as JOINT_SCRATCH
 from ..step.pool import KEPT, Renewal
@@ -127,18 +127,18 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
         zeros((max(sizes.points, 1), CONTACT_SCRATCH)),
         zeros((sizes.bodies, 6)),
         pool_of(sizes, zeros),
-        closing_of(sizes, zeros),
+        closing_of(sizes.loops, sizes.n, sizes.balls, zeros),
     )
 
 
-def closing_of(sizes: Sizes, zeros) -> Closing | None:
+def closing_of(loops: Loops | None, n: int, balls: int, zeros) -> Closing | None:
     """Make the scratch arrays of loops, None without."""
-    if sizes.loops is None:
+    if loops is None:
         return None
-    n, m = sizes.n, int(sizes.loops.rows[0])
+    m = int(loops.rows[0])
     return Closing(
         zeros((m, LOOP_ROW)), zeros((m, 1, n + 1)), zeros((m, 1, SIDE)), zeros((m, m + 2)), zeros(m), zeros(m),
-        zeros((n + 1, 6)), zeros(n + 6), zeros(7 + 4 * sizes.balls),
+        zeros((n + 1, 6)), zeros(n + 6), zeros(7 + 4 * balls),
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import inline, kernel
+from ..compile.jit import entry, inline, kernel
 from ..compile.lanes import any_lane, select
 from ..compile.structure import structure
 from ..effects.tendon import lines_of
@@ -19,7 +19,19 @@ from ..tree.ball import ball_positions, move_balls
 from ..tree.forest import base_of
 from ..tree.kinematics import base_acceleration, motion_pass, move_base, pose_pass
 from ..tree.layout import Motion
-from ..tree.loop import GAP, IN_STEP, SPEED, close, fill_loops, keep_factors, move_by, solve_rows
+from ..tree.loop import (
+    GAP,
+    IN_STEP,
+    ON,
+    PLACE,
+    SPEED,
+    close,
+    fill_loops,
+    keep_factors,
+    move_by,
+    solve_rows,
+    take_place,
+)
 from ..tree.rank_one import release_rows
 
 MOVES = 12  # at most
@@ -55,7 +67,8 @@ class Closing(NamedTuple):
 def place_loops(loops, base_q, step):
     """Fill the rows of loops at the poses and velocities of W, and of the accelerations there; loops None: none."""
     if loops is not None:
-        fill_loops(loops.table, step.scene.gravity, base_q, step.W, step.closing.rows)
+        held = held_in(loops, step.offsets, step.y)
+        fill_loops(loops.table, held, step.scene.gravity, base_q, step.W, step.closing.rows)
 
 
 @inline
@@ -72,10 +85,17 @@ def close_loops(loops, contact, step):
             step.y[step.offsets.loop_force + r] = work.force[r]
 
 
+@inline
+def held_in(loops, offsets, y):
+    """Return which loops are closed in a state, and their places."""
+    count, closed, place = len(loops.table), offsets.loop_closed, offsets.loop_place
+    return y[closed : closed + count], y[place : place + PLACE * count]
+
+
 @kernel
 def factor_at(loops, scene, offsets, scratch, y):
-    """Fill the factors in which `project` moves, at the state y."""
-    n, work, W = len(scene.tree) - 1, scratch.closing, scratch.W
+    """Fill the factors in which `project` moves, at the state y; scratch: W and Closing."""
+    n, (W, work) = len(scene.tree) - 1, scratch
     bq, bv = base_of(scene.floating, None, y, offsets.base_q, 7), base_of(scene.floating, None, y, offsets.base_qd, 6)
     q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
     ball_q = ball_positions(scene.balls, y, offsets.ball_q)
@@ -84,7 +104,7 @@ def factor_at(loops, scene, offsets, scratch, y):
         work.move[i] = 0.0 * y[offsets.status]
     articulated_pass(scene.tree, None, bq, None, work.move, scene.armature, None, None, W)
     constrain(scene.coupling, None, bq, None, scene.tree, W)
-    fill_loops(loops.table, scene.gravity, bq, W, work.rows)
+    fill_loops(loops.table, held_in(loops, offsets, y), scene.gravity, bq, W, work.rows)
     found = work.responses, work.roots, work.matrix
     close(scene, loops.part[0], None, loops.table, None, IN_STEP, W, work.rows, found, work.push)
     keep_factors(loops.part[0], scene.tree, W, work.factors)
@@ -94,23 +114,23 @@ def factor_at(loops, scene, offsets, scratch, y):
 def project(loops, scene, offsets, scratch, y):
     """Close what a step has left open in y, in the factors of its last accelerations."""
     if loops is not None:
-        _project(loops, scene, offsets, scratch.closing, scratch.W, y)
+        _project(loops, scene, offsets, (scratch.W, scratch.closing), y)
 
 
 @kernel
-def _project(loops, scene, offsets, work, W, y):
+def _project(loops, scene, offsets, scratch, y):
     """Move positions and velocities; count a step whose loops stay open as one that has not converged.
 
     In lanes what is closed in one is not moved any more.
     """
-    n, zero = len(scene.tree) - 1, 0.0 * y[offsets.status]
+    n, zero, (W, work) = len(scene.tree) - 1, 0.0 * y[offsets.status], scratch
     bq, q = base_of(scene.floating, None, y, offsets.base_q, 7), y[offsets.q : offsets.q + n]
     bv, v = base_of(scene.floating, None, y, offsets.base_qd, 6), y[offsets.qd : offsets.qd + n]
-    ball_q = ball_positions(scene.balls, y, offsets.ball_q)
+    ball_q, held = ball_positions(scene.balls, y, offsets.ball_q), held_in(loops, offsets, y)
     at_work, gap = zero == 0.0, zero
     for k in range(MOVES):
         pose_pass(scene.tree, None, bq, ball_q, q, W)
-        fill_loops(loops.table, scene.gravity, bq, W, work.rows)
+        fill_loops(loops.table, held, scene.gravity, bq, W, work.rows)
         before, gap = gap, select(at_work, _largest(GAP, work.rows), gap)
         _find_move(GAP, loops, scene, work, W)
         _move_joints(n, at_work, work.move, q)
@@ -125,7 +145,7 @@ def _project(loops, scene, offsets, work, W, y):
     at_work, speed = zero == 0.0, zero
     for k in range(MOVES):
         motion_pass(scene.tree, None, scene.gravity, Motion(bq, bv, None, q, v, None, ball_q), W)
-        fill_loops(loops.table, scene.gravity, bq, W, work.rows)
+        fill_loops(loops.table, held, scene.gravity, bq, W, work.rows)
         before, speed = speed, select(at_work, _largest(SPEED, work.rows), speed)
         _find_move(SPEED, loops, scene, work, W)
         _move_joints(n, at_work, work.move, v)
@@ -139,9 +159,10 @@ def _project(loops, scene, offsets, work, W, y):
 
 @inline
 def _largest(column, rows):
-    largest = abs(rows[0, column])
-    for r in range(1, len(rows)):
-        largest = select(abs(rows[r, column]) > largest, abs(rows[r, column]), largest)
+    largest = 0.0 * rows[0, column]
+    for r in range(len(rows)):
+        larger = (abs(rows[r, column]) > largest) & (rows[r, ON] > 0.0)
+        largest = select(larger, abs(rows[r, column]), largest)
     return largest
 
 
@@ -193,3 +214,26 @@ def _speed_base(bv, at_work, work, W):
         n = len(work.move) - 6
         base_acceleration(0, work.move[n:], W)
         _move_joints(6, at_work, work.move[n:], bv)
+
+
+@entry
+def make_loop(c, loops, scene, places, scratch, y):
+    """Close loop c of a state y where it is; the impulse is plastic, and what it takes is added to `loop_loss`.
+
+    places (1,) STATE; scratch: W and Closing.
+    """
+    offsets, n, (W, work) = places[0], len(scene.tree) - 1, scratch
+    bq, bv = base_of(scene.floating, None, y, offsets.base_q, 7), base_of(scene.floating, None, y, offsets.base_qd, 6)
+    q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
+    ball_q, (closed, at) = ball_positions(scene.balls, y, offsets.ball_q), held_in(loops, offsets, y)
+    motion_pass(scene.tree, None, scene.gravity, Motion(bq, bv, None, q, v, None, ball_q), W)
+    take_place(loops.table, c, bq, W, at)
+    closed[c] = 1.0
+    factor_at(loops, scene, offsets, scratch, y)
+    _find_move(SPEED, loops, scene, work, W)
+    for r in range(len(work.push)):
+        y[offsets.loop_loss + c] -= 0.5 * work.push[r] * work.rows[r, SPEED]
+    always = y[offsets.status] == y[offsets.status]
+    _move_joints(n, always, work.move, v)
+    _speed_base(bv, always, work, W)
+    _project(loops, scene, offsets, scratch, y)

@@ -25,7 +25,7 @@ from .pace import PACE
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
 Of = Literal[
     "base", "ball", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot",
-    "turning", "pairs", "tendon", "row",
+    "turning", "pairs", "tendon", "loop", "row",
 ]  # fmt: skip
 
 
@@ -36,8 +36,8 @@ class Channel(NamedTuple):
     kind: Kind
     of: Of  # what has it: each floating base, ball joint, joint, joint with a servo or rotor, contact point, tree, the
     # run, the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
-    # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, each tendon, and
-    # each row of a loop
+    # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, each tendon, each
+    # loop, and each of its rows
     width: int  # numbers each
     unit: str
     what: str
@@ -76,6 +76,10 @@ CHANNELS = (
     Channel("delayed", "held", "delay", 1, "V", "voltages that wait, oldest first, at the nominal supply"),
     Channel("pair", "held", "slot", 1, "-", "1 + index of the pair that has the slot, 0 of none"),
     Channel("pair_feature", "held", "slot", 1, "-", "1 + feature that touches, 0 of none"),
+    Channel("loop_closed", "held", "loop", 1, "-", "1 of a loop that is closed, 0 of one that is open"),
+    Channel("loop_place", "held", "loop", 13, "m, -", "where a loop holds its second body, as kernels see it",
+            (*"xyz", *(f"{row}{column}" for row in "xyz" for column in "xyz"), "length")),
+    Channel("loop_loss", "held", "loop", 1, "J", "energy that a loop has taken where it was made"),
     Channel("base_qdd", "derived", "base", 6, "m/s², rad/s²", "rates of base_qd"),
     Channel("qdd", "derived", "joint", 1, "rad/s² or m/s²", "joint accelerations"),
     Channel("torque", "derived", "joint", 1, "N m or N", "what drives a joint: actuator and torques from outside"),
@@ -102,7 +106,7 @@ BY_NAME = {channel.name: channel for channel in CHANNELS}
 UNITS = {channel.name: channel.unit for channel in CHANNELS}
 IN_STATE = tuple(channel for channel in CHANNELS if channel.kind != "computed")
 # A list, so that a channel added to it is seen wherever the name was imported.
-RECORDABLE = [c.name for c in CHANNELS if c.kind != "run" and c.name not in ("last_error", "delayed")]
+RECORDABLE = [c.name for c in CHANNELS if c.kind != "run" and c.name not in ("last_error", "delayed", "loop_place")]
 
 # Where each channel starts in `y`, and where the kinds end.
 _ENDS = ("after_coordinates", "after_controlled", "after_integrated", "before_derived", "after_derived")

@@ -86,12 +86,16 @@ def poses_rows(robot, motion, W, poses):
 
 
 @entry
-def loop_rows(robot, loop, motion, W, rows, measures, base_J, J):
-    """Fill gap, speed and bias (n, 3, m) of the rows of loops, and their Jacobians (n, m, 6) and (n, m, joints)."""
+def loop_rows(robot, loops, motion, W, rows, measures, base_J, J):
+    """Fill gap, speed and bias (n, 3, m) of the rows of loops, and their Jacobians (n, m, 6) and (n, m, joints).
+
+    loops: LOOP and what is `held` of `fill_loops`.
+    """
+    loop, held = loops
     for i in range(len(measures)):
         at = _row(motion, i)
         motion_pass(robot.tree, None, robot.gravity, at, W[0])
-        fill_loops(loop, robot.gravity, at.base_q, W[0], rows)
+        fill_loops(loop, held, robot.gravity, at.base_q, W[0], rows)
         for r in range(len(rows)):
             measures[i, 0, r] = rows[r, GAP]
             measures[i, 1, r] = rows[r, SPEED]
@@ -103,16 +107,17 @@ def loop_rows(robot, loop, motion, W, rows, measures, base_J, J):
 def closed_rows(robot, loops, motion, given, scratch, out):
     """Compute the accelerations of robots whose loops stay closed.
 
-    loops: (1,) TREE and (loops,) LOOP; given: base_tau (n, 6), tau (n, joints), wrench (n, bodies, 6); scratch: W,
-    rows, responses, roots and L of `close`; out: base_qdd (n, 6), qdd (n, joints) and the forces (n, m) to fill.
+    loops: (1,) TREE, LOOP and what is `held` of `fill_loops`; given: base_tau (n, 6), tau (n, joints), wrench
+    (n, bodies, 6); scratch: W, rows, responses, roots and L of `close`; out: base_qdd (n, 6), qdd (n, joints) and the
+    forces (n, m) to fill.
     """
-    (trees, loop), (base_tau, tau, wrench), (base_qdd, qdd, forces) = loops, given, out
+    (trees, loop, held), (base_tau, tau, wrench), (base_qdd, qdd, forces) = loops, given, out
     W, rows, responses, roots, L = scratch
     part = trees[0]
     for i in range(len(tau)):
         at = _row(motion, i)
         motion_pass(robot.tree, None, robot.gravity, at, W[0])
-        fill_loops(loop, robot.gravity, at.base_q, W[0], rows)
+        fill_loops(loop, held, robot.gravity, at.base_q, W[0], rows)
         push = item(wrench, i)
         articulated_pass(robot.tree, part, at.base_q, item(base_tau, i), tau[i], robot.armature, push, None, W[0])
         constrain(robot.coupling, part, at.base_q, None, robot.tree, W[0])

@@ -31,12 +31,15 @@ LOOP = record(
     a=int,  # row of the first body
     b=int,  # row of the second body; WORLD for the world of a floating base
     pa=(float, 3),  # point in the frame of body a [m]
-    pb=(float, 3),  # point in the frame of body b, or in the world [m]
     Ea=(float, 9),  # frame -> body a, row by row; of a hinge z is the axis
-    Eb=(float, 9),
-    distance=float,  # [m]
 )
 WORLD = -1
+
+# Numbers of a place, where a loop holds its second body; a run may change it (`take_place`).
+POINT = 0  # 3: point in the frame of body b, or in the world [m]
+FRAME = 3  # 9: frame -> body b, row by row
+LENGTH = 12  # of a rod [m]
+PLACE = 13
 
 # Columns of a row.
 D = 0  # 3: direction of force or moment on body a
@@ -45,7 +48,8 @@ PB = 6  # 3: point on body b [m]
 GAP = 9  # [m or rad]
 SPEED = 10  # [m/s or rad/s]
 BIAS = 11  # [m/s^2 or rad/s^2]
-SIZE = 12
+ON = 12  # 1 of a loop that is closed, 0 of one that is open
+SIZE = 13
 
 # Compliance of a row, by its diagonal of L, and rounds of the iteration: of a combination of rows with the eigenvalue k
 # of the scaled L they leave (compliance / (compliance + k))^rounds.  In a step the rows of intermediate states, which
@@ -56,25 +60,34 @@ SHORTEST = 1e-12  # distance of two points that still has a direction [m]
 
 
 @kernel
-def fill_loops(loop, gravity, base_q, W, rows):
+def fill_loops(loop, held, gravity, base_q, W, rows):
     """Fill the rows (m, SIZE) of all loops; call it after `motion_pass` without accelerations.
 
-    loop (loops,) LOOP; gravity (3,) [m/s^2]; base_q (7,) of a floating base or None.
+    loop (loops,) LOOP; held: 1 of each that is closed (loops,), and their places (loops * PLACE,); gravity (3,)
+    [m/s^2]; base_q (7,) of a floating base or None.
     """
+    (closed, places), zero = held, 0.0 * W[0, P]
     for c in range(len(loop)):
-        k = loop[c]
-        xa, xb = _point(base_q, k.a, k.pa, W), _point(base_q, k.b, k.pb, W)
+        k, at = loop[c], PLACE * c
+        xa, xb = _point(base_q, k.a, k.pa, W), _point(base_q, k.b, places[at : at + 3], W)
+        for t in range(row_count(k.kind)):
+            rows[k.first + t, ON] = closed[c] + zero
         if k.kind == DISTANCE:
-            _fill_rod(k, xa, xb, _moving(k, gravity, xa, xb, W), rows)
+            _fill_rod(k, places[at + LENGTH], xa, xb, _moving(k, gravity, xa, xb, W), rows)
         else:
             turning, moving = _relative(k, gravity, xa, xb, W)
             _fill_three(k.first, xa, xb, sub(xa, xb), moving, rows)
             if k.kind == WELD:
-                _fill_three(k.first + 3, xa, xb, _turn(_axes(k.a, k.Ea, W), _axes(k.b, k.Eb, W)), turning, rows)
+                _fill_three(k.first + 3, xa, xb, _turn(_axes(k.a, k.Ea, W), _frame(k, places, at, W)), turning, rows)
             elif k.kind == HINGE:
-                Ra, Rb = _axes(k.a, k.Ea, W), _axes(k.b, k.Eb, W)
+                Ra, Rb = _axes(k.a, k.Ea, W), _frame(k, places, at, W)
                 _fill_axis(k.first + 3, (Ra[0], Ra[3], Ra[6]), k, Rb, xa, xb, turning, W, rows)
                 _fill_axis(k.first + 4, (Ra[1], Ra[4], Ra[7]), k, Rb, xa, xb, turning, W, rows)
+
+
+@inline
+def _frame(k, places, at, W):
+    return _axes(k.b, places[at + FRAME : at + FRAME + 9], W)
 
 
 @inline
@@ -181,7 +194,7 @@ def _fill_axis(r, t, k, Rb, xa, xb, turning, W, rows):
 
 
 @inline
-def _fill_rod(k, xa, xb, moving, rows):
+def _fill_rod(k, length, xa, xb, moving, rows):
     v, a = moving
     x = sub(xa, xb)
     size = sqrt(dot(x, x))
@@ -189,7 +202,32 @@ def _fill_rod(k, xa, xb, moving, rows):
     d = scale(x, inverse)
     speed = dot(d, v)
     bias = dot(d, a) + (dot(v, v) - speed * speed) * inverse
-    _fill_row(k.first, d, xa, xb, size - k.distance, speed, bias, rows)
+    _fill_row(k.first, d, xa, xb, size - length, speed, bias, rows)
+
+
+@kernel
+def take_place(loop, c, base_q, W, places):
+    """Let the place of loop c be that where it is now."""
+    k, at = loop[c], PLACE * c
+    x, Ra = _point(base_q, k.a, k.pa, W), _axes(k.a, k.Ea, W)
+    if k.kind == DISTANCE:
+        d = sub(x, _point(base_q, k.b, places[at : at + 3], W))
+        places[at + LENGTH] = sqrt(dot(d, d))
+    elif k.b >= 0:
+        Rb = load9(W, k.b, R)
+        p = rotate_back(Rb, sub(x, load3(W, k.b, P)))
+        for i in range(3):
+            places[at + POINT + i] = p[i]
+            e = rotate_back(Rb, (Ra[i], Ra[3 + i], Ra[6 + i]))
+            for j in range(3):
+                places[at + FRAME + 3 * j + i] = e[j]
+    else:
+        for i in range(9):
+            places[at + FRAME + i] = Ra[i]
+        for i in range(3):
+            places[at + POINT + i] = x[i]
+            if base_q is not None:
+                places[at + POINT + i] += base_q[i]
 
 
 @inline
@@ -278,7 +316,7 @@ def close(robot, part, contact, loop, lines, softness, W, rows, scratch, force):
         for s in range(r + 1):
             L[r, s] = product(part, tree, r, 0, s, 0, W, responses, roots)
         force[r] = acceleration_along(part, tree, r, 0, W, responses, roots) + rows[r, BIAS]
-    factor_rows(L, _most(part, tree, rows, W), softness)
+    factor_rows(L, rows, _most(part, tree, rows, W), softness)
     solve_rows(L, softness, force)
     for r in range(m):
         apply_row(part, tree, r, 0, force[r], W, responses, roots)
@@ -302,14 +340,14 @@ def _most(part, tree, rows, W):
 
 
 @inline
-def factor_rows(L, most, softness):
+def factor_rows(L, rows, most, softness):
     """Factor the lower triangle of L (m, m + 2), scaled to a unit diagonal, with the compliance; column m: the scale.
 
-    most: what a row could have on the diagonal at most; one that has nothing of it does nothing.
+    most: what a row could have on the diagonal at most; one that has nothing of it does nothing, nor does an open one.
     """
     m, (compliance, _) = len(L), softness
     for r in range(m):
-        movable = L[r, r] > IMMOVABLE * most
+        movable = (L[r, r] > IMMOVABLE * most) & (rows[r, ON] > 0.0)
         L[r, m] = select(movable, 1.0 / sqrt(select(movable, L[r, r], 1.0)), 0.0)
     for r in range(m):
         for s in range(r + 1):

@@ -1,0 +1,80 @@
+"""Make and break loops in a state, between two runs or steps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import real, truth
+from ..core.integrate.integrator import closing_of
+from ..core.step.closure import make_loop
+from ..dynamics.algorithms import loop_measures
+from ..scene.compile import CompiledScene
+from .start import check_one, checked_state, loop_names, positions_in
+from .trajectory import Trajectory
+
+WITHIN = 1e-3  # gap at which a loop is made [m or rad]
+
+
+def switch_loop(
+    scene: CompiledScene, state: ArrayLike | Trajectory, name: str, closed: bool, within: float = WITHIN
+) -> np.ndarray:
+    """Make or break a loop in a state, from which a run then goes on.
+
+    A loop that is made takes the place where it is: what was open of it stays.  A weld with ``within=math.inf`` so
+    holds what a gripper has got hold of.  Velocities change as in a plastic impact, and the energy that it takes is
+    added to the channel `loop_loss`.
+
+    Parameters
+    ----------
+    scene
+        A compiled scene of one robot.
+    state
+        State (size,), or a run that has ended.
+    name
+        Name of the loop.
+    closed
+        Whether to make it or to break it.  A loop that is so already stays as it is.
+    within
+        Largest gap at which it is made [m or rad]; of a rod the difference from its length.
+
+    Returns
+    -------
+    ndarray
+        State (size,).
+
+    Raises
+    ------
+    ValueError
+        For unknown names, a gap that is too large, and loops that cannot all be closed there.
+    """
+    check_one(scene, "switch_loop")
+    y = checked_state(scene, state).copy()
+    loop_names(scene, [name])
+    truth("closed", closed)
+    within = real("within", within, 0.0, math.inf, "1e-3 is usual, math.inf closes it anywhere")
+    model, view = scene.model, scene.state_view(y)
+    c = next(k for k, loop in enumerate(model.loops) if loop.name == name)
+    if bool(view.loop_closed[c]) == closed:
+        return y
+    view.loop_closed[c] = 0.0
+    if not closed:
+        return y
+    first = sum(loop.rows for loop in model.loops[:c])
+    gaps = np.abs(loop_measures(model, positions_in(scene, y), None, view.loop_place.ravel())[0][0, 0])
+    gap = float(gaps[first : first + model.loops[c].rows].max())
+    if not gap <= within:
+        raise ValueError(
+            f"{model.name}: loop {name!r} is open by {gap:.6g} m or rad, more than within={within:g}: bring its ends "
+            "together, or allow more"
+        )
+    constants, missed = scene.constants, scene.part("newton_iterations")[0] + 1
+    balls = 0 if scene.tree.balls is None else len(scene.tree.balls)
+    scratch = np.zeros(scene.tree.workspace_shape()), closing_of(constants.loops, scene.tree.n, balls, np.zeros)
+    before = y[missed]
+    make_loop(c, constants.loops, constants, scene.places, scratch, y)
+    if y[missed] > before:
+        raise ValueError(f"{model.name}: loop {name!r} does not close beside the other loops; break one of these first")
+    return y
