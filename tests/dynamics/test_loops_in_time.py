@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 from test_loops import (
     ROD,
     bricard,
@@ -283,3 +284,36 @@ def test_forces_of_loops_are_those_of_the_accelerations_and_do_no_work():
     np.testing.assert_allclose(run.column("energy", "work").sum(axis=1), total - total[0], rtol=0, atol=1e-8)
     assert {f"loop_force.pin.{axis}" for axis in "xyz"} < set(run.to_pandas())
     assert run.to_xarray()["loop_force"].dims == ("time", "row")
+
+
+@pytest.mark.long
+def test_a_chain_of_fifty_links_hung_at_both_ends_hangs_as_a_catenary_and_swings():
+    """Of n bars of weight w each, bar k hangs at the angle whose tangent is ((n + 1) / 2 - k) w / H; H by the span."""
+    n, length, span, weight = 50, 0.1, 3.0, 0.1 * 9.81
+    inertia = 0.1 * length**2 / 12
+    links = [Link("post"), *(Link(f"bar{k}", 0.1, (0.5 * length, 0.0, 0.0), (1e-7, 0.0, 0.0, inertia, 0.0, inertia))
+                             for k in range(n))]  # fmt: skip
+    joints = [
+        Joint(f"joint{k}", "continuous", a.name, b.name, (length if k else 0.0, 0.0, 0.0), axis=(0.0, 1.0, 0.0))
+        for k, (a, b) in enumerate(itertools.pairwise(links))
+    ]
+    pin = Loop("pin", "connect", f"bar{n - 1}", None, (length, 0.0, 0.0), (span, 0.0, 0.0))
+    chain = Model("chain", tuple(links), tuple(joints), loops=(pin,))
+    rises = (0.5 * (n + 1) - np.arange(1, n + 1)) * weight
+    pull = brentq(lambda h: length * np.cos(np.arctan(rises / h)).sum() - span, 0.1, 1e3, xtol=1e-14)
+    angles = np.arctan(rises / pull)  # of a bar below the horizontal; about y that is positive
+    q = np.diff(angles, prepend=0.0)
+    scene = compile_scene(chain)
+    assert np.abs(loop_gaps(chain, q)).max() < 1e-12
+    still = simulate(scene, 1.0, initial_state(scene, q), record=("q", "loop_force"), rtol=1e-9)
+    assert still.ok
+    np.testing.assert_allclose(still["q"][-1], q, atol=1e-8)
+    np.testing.assert_allclose(still["loop_force"][-1], [pull, 0.0, 0.5 * n * weight], rtol=1e-7, atol=1e-9)
+    away = close_loops(chain, q + 0.1 * np.sin(np.arange(n)))
+    swing = simulate(scene, 2.0, initial_state(scene, away), record=("q", "qd"))
+    assert swing.ok
+    both = energy(chain, swing["q"], swing["qd"])
+    total = both.kinetic + both.potential
+    assert np.ptp(both.kinetic) > 0.05
+    assert np.abs(total - total[0]).max() < 1e-6 * np.ptp(both.kinetic)
+    assert max(np.abs(loop_gaps(chain, one)).max() for one in swing["q"]) < 1e-10
