@@ -444,9 +444,13 @@ def energy(
     out = _measures(model, q, qd, armature, gravity)[0]
     x, joints = _arguments(model, q=q)["q"], model.moving_joints
     stiffness = np.array([joint.stiffness for joint in joints])
-    if stiffness.any():
+    powers = np.array([(joint.quadratic_stiffness, joint.cubic_stiffness) for joint in joints]).reshape(-1, 2)
+    if stiffness.any() or powers.any():
         stretch = model.single_positions(x) - [joint.spring_reference for joint in joints]
         out[:, 1] += (0.5 * stiffness * stretch**2).sum(axis=1)
+        b, c = powers.T
+        if powers.any():
+            out[:, 1] += total(stretch**3 * (b / 3.0 + 0.25 * c * stretch))
     if any(one.stiffness > 0 for one in model.tendons):
         out[:, 1] += total(tendon_energy(model, x))
     for link in model.links:
@@ -876,10 +880,14 @@ def _spring_torque(model: Model, q: np.ndarray, stiffness: ArrayLike | None) -> 
     joints = model.moving_joints
     K = np.array([j.stiffness for j in joints]) if stiffness is None else vector("stiffness", stiffness, len(joints))
     sprung = [one for one in model.tendons if one.stiffness > 0 and one.joints]
-    if not K.any() and not sprung:
+    if not K.any() and not sprung and (stiffness is not None or not any(j.cubic_stiffness for j in joints)):
         return None
     force = np.zeros((len(q), model.nv))
-    force[:, model.nv - len(joints) :] = K * ([j.spring_reference for j in joints] - model.single_positions(q))
+    x = model.single_positions(q) - [j.spring_reference for j in joints]
+    force[:, model.nv - len(joints) :] = -K * x
+    if stiffness is None:
+        square, cube = np.array([(j.quadratic_stiffness, j.cubic_stiffness) for j in joints]).reshape(-1, 2).T
+        force[:, model.nv - len(joints) :] -= x * x * (square + cube * x)
     for tendon, pull in zip(sprung, spring_forces(sprung, lengths_of(model, q, sprung)).T):
         for name, c in tendon.joints:
             if name not in model.held:

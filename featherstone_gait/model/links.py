@@ -27,6 +27,7 @@ JointType = Literal[
 COMPOSITE = ("ball", "universal", "cylindrical", "planar", "free")  # joints of several degrees of freedom
 Vector = tuple[float, float, float]
 
+GIVES_WAY = 3.0 * (1.0 + 1e-12)  # by which a spring may miss the limit through rounding
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 
 
@@ -131,6 +132,9 @@ class Joint:
         Inertia of what turns with the joint alone, such as a rotor [kg m^2 or kg].
     stiffness, spring_reference : float
         Stiffness of a spring at the joint [N m/rad or N/m], and the position at which it is slack [rad or m].
+    quadratic_stiffness, cubic_stiffness : float
+        Numbers b and c of a spring with the torque -(stiffness x + b x^2 + c x^3), x from the position at which it is
+        slack [N m/rad^2 or N/m^2, N m/rad^3 or N/m^3].  It never gives way: b^2 <= 3 stiffness c.
     mimic : Mimic or None
         Coupling to another joint.
     pitch : float
@@ -163,6 +167,8 @@ class Joint:
     spring_reference: float = quantity("finite", "rad or m", 0.0, "it is the position at which the spring is slack")
     pitch: float = quantity("finite", "m/rad", 0.0, "only a screw joint has one")
     axis2: Vector | None = None
+    quadratic_stiffness: float = quantity("finite", "SI", 0.0, "0 is a linear spring")
+    cubic_stiffness: float = quantity(">= 0", "SI", 0.0, "0 is a linear spring")
 
     __repr__ = brief
 
@@ -204,7 +210,14 @@ class Joint:
             yield f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: swap them"
         if self.type == "continuous" and (self.lower, self.upper) != (-math.inf, math.inf):
             yield f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
-        yield from quantity_flaws(what, self)
+        flaws = list(quantity_flaws(what, self))
+        yield from flaws
+        if not flaws and not self.quadratic_stiffness**2 <= GIVES_WAY * self.stiffness * self.cubic_stiffness:
+            yield (
+                f"{what}: its spring gives way somewhere: quadratic_stiffness is {self.quadratic_stiffness!r}, whose "
+                f"square may be at most 3 stiffness cubic_stiffness, {3.0 * self.stiffness * self.cubic_stiffness!r}: "
+                "lower it, or raise the others"
+            )
 
     def _flaws_of_several(self, what: str) -> Iterator[str]:
         """Find what a joint of several degrees of freedom, or one of one, cannot have."""
@@ -231,6 +244,9 @@ class Joint:
             )
         if self.mimic is not None:
             yield f"{what}: type {self.type!r} follows a joint; only joints of one degree of freedom do: remove mimic"
+        powers = self.quadratic_stiffness, self.cubic_stiffness
+        if any(is_real(x) and x != 0.0 for x in powers):
+            yield f"{what}: type {self.type!r} has a nonlinear spring; expected none: leave its numbers out"
         if is_real(self.stiffness) and self.stiffness != 0.0:
             yield f"{what}: type {self.type!r} has stiffness {shown(self.stiffness)}; expected 0: remove the spring"
 

@@ -235,7 +235,8 @@ def _check(model: Model, servos: Sequence[Servo], h: float) -> None:
     sticks = any(servo.coulomb_friction > 0.0 and not is_gentle(servo, h) for servo in servos)
     lacking += ["dry friction that grows within a step"] * sticks
     lacking += ["joints held elsewhere than at 0"] * any(model.held.values())
-    lacking += ["springs of joints"] * any(joint.stiffness > 0.0 for joint in model.moving_joints)
+    sprung = any(joint.stiffness > 0.0 or joint.cubic_stiffness > 0.0 for joint in model.moving_joints)
+    lacking += ["springs of joints"] * sprung
     lacking += ["tendons"] * bool(model.tendons)
     lacking += ["gravity compensation"] * any(link.gravity_compensation != 0.0 for link in model.links)
     lacking += ["contact points with friction of their own"] * any(p.friction is not None for p in model.contacts)

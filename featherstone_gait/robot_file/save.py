@@ -120,7 +120,8 @@ def _joint_lines(joint: Joint) -> list[str]:
     if joint.type != "fixed" and joint.mimic:
         parts["mimic"] = asdict(joint.mimic)
     inside = [line for tag, attributes in parts.items() for line in element(tag, attributes)]
-    spring = element("gazebo", {"reference": joint.name}, _spring_lines(joint)) if joint.stiffness else []
+    sprung = joint.stiffness or joint.cubic_stiffness
+    spring = element("gazebo", {"reference": joint.name}, _spring_lines(joint)) if sprung else []
     return [*element("joint", {"name": joint.name, "type": OWN_NAMES.get(joint.type, joint.type)}, inside), *spring]
 
 
@@ -150,7 +151,7 @@ def _toml_text(model: Model) -> str:
             for link in model.links
             if link.gravity_compensation
         },
-        **{f"joints.{written(j.name)}": {"armature": j.armature} for j in model.joints if j.armature},
+        **{f"joints.{written(j.name)}": own for j in model.joints if (own := _own(j))},
         **{f"keyframes.{written(name)}": _posture(model, q) for name, q in model.keyframes.items()},
         **({"supply": asdict(model.supply)} if model.supply else {}),
     }
@@ -167,6 +168,12 @@ def _toml_text(model: Model) -> str:
         lines += ["", "[[tendons]]", *_assignments(stated | points)]
     excluded = [f"excluded = {written(model.excluded)}"] if model.excluded else []
     return "\n".join([f"base = {written(model.base)}", "contacts = [", *contacts, "]", *excluded, *lines, ""])
+
+
+def _own(joint: Joint) -> dict[str, float]:
+    """Return what URDF cannot state of a joint."""
+    numbers = {name: getattr(joint, name) for name in ("armature", "quadratic_stiffness", "cubic_stiffness")}
+    return {name: value for name, value in numbers.items() if value}
 
 
 def _posture(model: Model, q: tuple[float, ...]) -> dict[str, Any]:

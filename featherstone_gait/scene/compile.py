@@ -33,7 +33,7 @@ from .external import Push, build_lifts, build_pushes
 from .firmware import build_firmware, build_supply
 from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
 from .friction import Friction, build_friction, sticks
-from .joint_spring import build_joint_springs, fold_joint_springs
+from .joint_spring import build_joint_springs, build_stiffening, fold_joint_springs
 from .loop import build_loops
 from .options import SceneOptions, check_options
 from .pairs import NOTHING, Touching, build_pairs, limited
@@ -388,7 +388,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     tree = with_rows(compile_tree(model), lines)
     contact, tendons = build_contact(model, tree, ground, g), build_tendons(model, tree, lines)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
-    check = preflight(model, drive, friction, joint_springs, lines, options)
+    check = preflight(model, drive, friction, lines, options)
     if model.loops:
         names = quoted([loop.name for loop in model.loops])
         check = check._replace(reason=f"{check.reason}; loops {names} are closed after each step")
@@ -418,6 +418,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         lifts=build_lifts(model, tree, g),
         balls=tree.balls,
         loops=_loops(model, tree),
+        stiffening=build_stiffening(model),
         tendons=with_stops(tendons, model, lines, check.tendon_inertias, options.g),
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)

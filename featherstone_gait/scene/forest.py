@@ -17,7 +17,7 @@ from ..core.effects.contact import Contact
 from ..core.effects.firmware import BAND, PWM, Firmware
 from ..core.effects.friction import FRICTION
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
-from ..core.effects.joint_spring import JOINT_SPRING
+from ..core.effects.joint_spring import JOINT_SPRING, STIFFENING
 from ..core.effects.stop import STOP
 from ..core.effects.tendon import Tendons
 from ..core.effects.touch import DISC, Discs, Spheres
@@ -251,6 +251,7 @@ def joined_constants(members: Sequence[Member], tree: Tree) -> Scene:
         firmware=_firmware(members, joints),
         supply=_supply(members),
         joint_springs=stack("joint_springs", JOINT_SPRING),
+        stiffening=stack("stiffening", STIFFENING),
         lifts=_on_bodies([one.lifts for one in all_of], moved, ("body",)),
         trees=tree.trees,
         balls=tree.balls,

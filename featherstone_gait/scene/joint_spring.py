@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.effects.joint_spring import JOINT_SPRING
+from ..core.effects.joint_spring import JOINT_SPRING, STIFFENING
 from ..core.integrate.integrator import Integrator
 from ..model import Model
 from .records import filled
@@ -16,6 +17,25 @@ def build_joint_springs(model: Model) -> np.recarray | None:
     """Build the JOINT_SPRING records, None if no joint has a spring."""
     table = filled(JOINT_SPRING, [(joint,) for joint in model.moving_joints])
     return table if table.stiffness.any() else None
+
+
+def build_stiffening(model: Model) -> np.recarray | None:
+    """Build the STIFFENING records, None if all springs are linear."""
+    table = filled(STIFFENING, [(joint,) for joint in model.moving_joints])
+    return table if table.quadratic_stiffness.any() or table.cubic_stiffness.any() else None
+
+
+def stiffest(model: Model) -> np.ndarray:
+    """Return the stiffness (n,) that limits explicit steps [N m/rad or N/m].
+
+    Of a nonlinear spring that is the slope at the farther limit of the joint, or one radian or meter away.
+    """
+    found = []
+    for joint in model.moving_joints:
+        ways = [abs(end - joint.spring_reference) for end in (joint.lower, joint.upper)]
+        x = max(ways) if max(ways) < math.inf else 1.0
+        found.append(joint.stiffness + 2.0 * abs(joint.quadratic_stiffness) * x + 3.0 * joint.cubic_stiffness * x * x)
+    return np.array(found)
 
 
 def fold_joint_springs(

@@ -128,6 +128,99 @@ def test_a_step_beyond_the_limit_of_an_explicit_method_says_so(factor, status):
     assert np.abs(run["q"] - Q0).max() < 1.01 * Q0
 
 
+# --- nonlinear springs -------------------------------------------------------------------------------------------
+
+
+def stiffening(K=0.0, b=0.0, c=K, damping=0.0):
+    model = wheel(damping, stiffness=K)
+    return replace(model, joints=[replace(model.joints[0], quadratic_stiffness=b, cubic_stiffness=c)])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("integrator", "error"), [("dop853", 1e-8), ("extrapolation", 1e-8), ("midpoint", 1e-5)])
+def test_a_cubic_spring_swings_faster_the_farther_it_goes(integrator, error):
+    """J x'' = -c x^3 has the period Gamma(1/4)^2 / sqrt(pi) sqrt(J / c) / amplitude; here it is 2 s."""
+    amplitude, period = 0.5, 2.0
+    c = J * (7.416298709205487 / (amplitude * period)) ** 2
+    step = 1e-4 if integrator == "midpoint" else None
+    scene = compile_scene(stiffening(c=c), integrator=integrator, timestep=step, gravity=STILL)
+    run = simulate(scene, period, initial_state(scene, [Q0 + amplitude]), rtol=None if step else 1e-10)
+    assert run["q"][:, 0].min() == pytest.approx(Q0 - amplitude, abs=1e-4)
+    assert run["q"][-1, 0] == pytest.approx(Q0 + amplitude, abs=error)
+
+
+@pytest.mark.quick("rk4*")
+@pytest.mark.nojit
+@pytest.mark.parametrize(("integrator", "order"), [("rk4", 4), ("midpoint", 2), ("implicit_euler", 1)])
+def test_order_with_a_nonlinear_spring(integrator, order):
+    model, ends = stiffening(1.0, -2.0, 3.0, 0.02), []
+    for name, h in (("rk4", 2.5e-4), (integrator, 4e-3), (integrator, 2e-3)):
+        scene = compile_scene(model, integrator=name, timestep=h)
+        ends.append(simulate(scene, 0.2, initial_state(scene, [1.3]), estimate_error=False)["q"][-1, 0])
+    assert (ends[1] - ends[0]) / (ends[2] - ends[0]) == pytest.approx(2.0**order, rel=0.1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint"])
+def test_an_implicit_step_bears_any_nonlinear_spring(integrator):
+    """With a damper D x = a / sqrt(1 + 2 c a^2 t / D) from a, but for inertia; at fifty times an explicit step."""
+    c, damping, a, t = 1e6, 2000.0, 0.1, 0.5
+    scene = compile_scene(stiffening(0.0, 0.0, c, damping), integrator=integrator, timestep=1e-3, gravity=STILL)
+    assert scene.preflight.largest_explicit_step <= 2e-5
+    run = simulate(scene, t, initial_state(scene, [Q0 + a]), estimate_error=False)
+    assert run.ok
+    assert run["q"][-1, 0] - Q0 == pytest.approx(a / np.sqrt(1.0 + 2.0 * c * a * a * t / damping), rel=1e-2)
+
+
+@pytest.mark.long
+def test_energy_with_nonlinear_springs():
+    tree = sprung(random_tree(6, 4, base="floating"), 4)
+    joints = [replace(j, quadratic_stiffness=j.stiffness, cubic_stiffness=j.stiffness) for j in tree.joints]
+    model = replace(tree, joints=joints)
+    q, qd, tau = (x[0] for x in random_states(model, 1, 4))
+    scene = compile_scene(model, integrator="dop853")
+    run = simulate(scene, 0.2, initial_state(scene, q, qd), record=("base_q", "q", "base_qd", "qd"), rtol=1e-11)
+    states = (np.hstack([run[f"base_{x}"], run[x]]) for x in ("q", "qd"))
+    total = energy(model, *states).total
+    assert energy(model, q, qd).potential - energy(tree, q, qd).potential > 0.1
+    np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-8 * np.abs(total).max())
+    found = inverse_dynamics(model, q, qd, forward_dynamics(model, q, qd, tau))
+    np.testing.assert_allclose(found, tau, rtol=0, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("error")
+def test_nonlinear_springs_are_those_of_mujoco(tmp_path):
+    file, saved = tmp_path / "arm.xml", tmp_path / "saved.xml"
+    changes = {'stiffness="3"': 'stiffness="3 -2 1"', 'stiffness="40"': 'stiffness="0 0 5e3"', '="0"': '="0 0 0"'}
+    text = FILE
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    file.write_text(text)
+    mujoco = pytest.importorskip("mujoco", minversion="4")
+    model = load_robot(file, strict=True)
+    assert [j.quadratic_stiffness for j in model.moving_joints] == [-2.0, -2.0, 0.0, 0.0]
+    save_robot(model, saved)
+    assert load_robot(saved).joints == model.joints
+    damping = np.array([j.damping for j in model.moving_joints])
+    _, m, d = mujoco_model(saved)
+    for q, qd in np.random.default_rng(0).uniform(-1.0, 1.0, (20, 2, 4)):
+        d.qpos, d.qvel = q, qd
+        mujoco.mj_forward(m, d)
+        found = forward_dynamics(model, q, qd, -damping * qd)
+        np.testing.assert_allclose(found, d.qacc, rtol=1e-9, atol=1e-9 * np.abs(d.qacc).max())
+
+
+def test_nonlinear_springs_through_toml(tmp_path):
+    model = stiffening(1.0, -1.0, 2.0)
+    save_robot(model, tmp_path / "wheel.urdf")
+    assert load_robot(tmp_path / "wheel.urdf").joints == model.joints
+
+
+def test_a_spring_that_gives_way_is_refused():
+    with pytest.raises(ValueError, match=r"its spring gives way somewhere: quadratic_stiffness is 3\.0"):
+        stiffening(1.0, 3.0, 2.9)
+
+
 # --- MuJoCo ------------------------------------------------------------------------------------------------------
 
 

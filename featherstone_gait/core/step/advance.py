@@ -114,7 +114,7 @@ def _driving(friction, step, i, v, w):
     Tf = move_friction(friction, step, i, v)
     Ts = move_stop(step.scene.stops, step, i, v)
     T, _, _, _, _, _ = joint_force(friction, step, i, v, w)
-    others, _ = plus_spring(step.scene.joint_springs, step, i, v, Tf + Ts, 0.0)
+    others, _ = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, Tf + Ts, 0.0)
     return T - others
 
 

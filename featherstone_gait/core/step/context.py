@@ -40,6 +40,7 @@ class Scene(NamedTuple):
     pairs: tuple | None = None  # Pairs: shapes that may touch; a scene that has any has `trees`
     balls: np.ndarray | None = None  # (balls,) first coordinate of each ball joint
     loops: tuple | None = None  # Loops, of a scene of one robot
+    stiffening: np.ndarray | None = None  # (n,) STIFFENING, of joint springs
     tendons: tuple | None = None  # Tendons, with springs between bodies
 
 
@@ -147,7 +148,7 @@ def with_bodies(step, tree):
         tree=tree, floating=s.floating, gravity=s.gravity, actuator=s.actuator, decay=s.decay, armature=s.armature,
         friction=s.friction, stops=s.stops, contact=s.contact, push=s.push, coupling=s.coupling,
         firmware=s.firmware, supply=s.supply, joint_springs=s.joint_springs, lifts=s.lifts, trees=s.trees,
-        pairs=s.pairs, balls=s.balls, loops=s.loops, tendons=s.tendons,
+        pairs=s.pairs, balls=s.balls, loops=s.loops, tendons=s.tendons, stiffening=s.stiffening,
     )  # fmt: skip
     return Step(
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,

@@ -63,7 +63,7 @@ def _forces(step, dy):
         y[offsets.torque + i] = T + 0.0 * speed
         dy[offsets.energy + ENERGIES * i + WORK] = T * speed
         others = Tf + stop_rates(scene.stops, step, dy, i, speed)
-        others, _ = plus_spring(scene.joint_springs, step, i, speed, others, 0.0)
+        others, _ = plus_spring(scene.joint_springs, scene.stiffening, step, i, speed, others, 0.0)
         step.Z[TAU, i] = T + others
     contact_rates(scene.contact, step, dy)
     place_tendons(scene.tendons, step, q, v, 0.0)

@@ -140,7 +140,8 @@ def external_forces(push, lifts, step):
 @inline
 def acting(step):
     """Return True, None where only gravity, bias forces and torques from outside act on the joints."""
-    own = any_present(step.scene.stops, any_present(step.scene.joint_springs, step.scene.tendons))
+    springs = any_present(step.scene.joint_springs, step.scene.stiffening)
+    own = any_present(step.scene.stops, any_present(springs, step.scene.tendons))
     return any_present(step.actuator, any_present(step.scene.friction, own))
 
 
@@ -240,7 +241,7 @@ def joint_force(friction, step, i, v, w):
     """
     Tf, cf = friction_torque(friction, step, i, v)
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
-    T, c = plus_spring(step.scene.joint_springs, step, i, v, Tf + Ts, cf + cs)
+    T, c = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, Tf + Ts, cf + cs)
     T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, plus_item(T, step.tau, i), c)
     return T, F, c, cg, cr, cg
 
@@ -251,7 +252,7 @@ def _with_gear_friction(friction, step, i, v, w):
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
     Tf, cf, by_m = gear_friction_torque(friction, step, i, v, Tm)
     step.Z[DRIVE, i], step.Z[RUB, i] = Tm, Tf
-    T, ck = plus_spring(step.scene.joint_springs, step, i, v, (Tm + Tf) + Ts, cf + cs)
+    T, ck = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, (Tm + Tf) + Ts, cf + cs)
     return plus_item(T, step.tau, i), F, c * (1.0 + by_m) + ck, cg, cr, cg * (1.0 + by_m)
 
 

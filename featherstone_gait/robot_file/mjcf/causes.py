@@ -9,7 +9,7 @@ import numpy as np
 
 from ...base.flaws import quoted
 from . import equalities, loops, tendons
-from .tree import BALL, FREE, NO_DAMPERS, NO_LIMITS, NO_SPRINGS, Tree, moving_trees, vector
+from .tree import BALL, FREE, NO_DAMPERS, NO_LIMITS, NO_SPRINGS, Tree, moving_trees, stiffness_powers, vector
 
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
@@ -59,7 +59,12 @@ def _nonlinear(m: Any, tree: Tree) -> Iterator[str]:
     """Yield what joints have besides linear springs and dampers, since MuJoCo 4."""
     own = range(m.njnt)
     parts = {
-        "nonlinear stiffness": [j for j in own if np.any(getattr(m, "jnt_stiffnesspoly", np.zeros(m.njnt))[j])],
+        "nonlinear stiffness": [
+            j
+            for j in own
+            if np.any(getattr(m, "jnt_stiffnesspoly", np.zeros(m.njnt))[j])
+            and (not any(stiffness_powers(m, j)) or m.jnt_type[j] in (BALL, FREE))
+        ],
         "plastic yield of the springs": [j for j in own if getattr(m, "jnt_springyield", np.zeros(m.njnt))[j]],
         "nonlinear damping": [
             m.dof_jntid[k] for k in range(m.nv) if np.any(getattr(m, "dof_dampingpoly", np.zeros(m.nv))[k])
@@ -68,7 +73,7 @@ def _nonlinear(m: Any, tree: Tree) -> Iterator[str]:
     for what, joints in parts.items():
         if joints and not (what != "nonlinear damping" and m.opt.disableflags & NO_SPRINGS):
             names = quoted([tree.joint_names[j] for j in joints])
-            yield f"ignored the {what} of joints {names}: only linear springs and dampers are supported"
+            yield f"ignored the {what} of joints {names}: dampers are linear, and springs may not give way anywhere"
 
 
 def _ball_joints(m: Any, tree: Tree) -> Iterator[str]:

@@ -216,9 +216,19 @@ def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E:
 
 def _spring(m: Any, j: int) -> dict[str, Any]:
     """Return stiffness and reference of a joint's spring; nothing if it has none, or a <flag> switches it off."""
-    if m.opt.disableflags & NO_SPRINGS or not m.jnt_stiffness[j]:
+    b, c = stiffness_powers(m, j)
+    if m.opt.disableflags & NO_SPRINGS or not (m.jnt_stiffness[j] or c):
         return {}
-    return {"stiffness": float(m.jnt_stiffness[j]), "spring_reference": float(m.qpos_spring[m.jnt_qposadr[j]])}
+    found = {"stiffness": float(m.jnt_stiffness[j]), "spring_reference": float(m.qpos_spring[m.jnt_qposadr[j]])}
+    return found | ({"quadratic_stiffness": b, "cubic_stiffness": c} if c else {})
+
+
+def stiffness_powers(m: Any, j: int) -> tuple[float, float]:
+    """Return what the spring of a joint has beyond the first power; zeros where it would give way somewhere."""
+    if not hasattr(m, "jnt_stiffnesspoly"):  # before MuJoCo 4
+        return 0.0, 0.0
+    b, c = m.jnt_stiffnesspoly[j].tolist()
+    return (b, c) if c > 0 and b * b <= 3.0 * m.jnt_stiffness[j] * c else (0.0, 0.0)
 
 
 def vector(values: np.ndarray) -> tuple[float, float, float]:

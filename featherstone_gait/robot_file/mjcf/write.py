@@ -217,11 +217,17 @@ def _joint_lines(model: Model, joint: Joint, at: Pose, body: Pose) -> list[str]:
         "armature": armature or None,
         "damping": damping or None,
         "frictionloss": friction or None,
-        "stiffness": joint.stiffness or None,
-        "springref": joint.spring_reference if joint.stiffness else None,
+        "stiffness": _stiffness(joint) or None,
+        "springref": joint.spring_reference if _stiffness(joint) else None,
         "actuatorfrcrange": (-effort, effort) if effort < math.inf else None,
     }
     return element("joint", attributes)
+
+
+def _stiffness(joint: Joint) -> float | tuple[float, ...]:
+    if not joint.cubic_stiffness:
+        return joint.stiffness
+    return joint.stiffness, joint.quadratic_stiffness, joint.cubic_stiffness
 
 
 def _key_lines(model: Model) -> list[str]:
