@@ -104,6 +104,29 @@ def test_functions_of_others_call_kernels_with_all_that_these_call():
     assert twice(np.ones(3)) == 18.0
 
 
+@entry
+def _items(x, whole, flags, i, out):
+    """Write and read items by constants and numbers, forwards and from the end, whole rows and by columns."""
+    x[-1, i] = 5.0
+    x[i, -i] += 1
+    whole[-i] = i
+    flags[i] = True
+    row, columns = x[-2], x.T
+    row[1] = whole[0]
+    out[0], out[1], out[2], out[3] = x[0, 0], x[-1, -1], x[i, 2], columns[2, -1]
+    out[4], out[5], out[6] = row[-1], whole[-2] / 4, flags[-1]
+
+
+def test_items_are_those_of_numpy():
+    made = []
+    for function in (_items, _items.py_func):
+        whole, flags = np.array([7, 8, 9, 10]), np.zeros(3, bool)
+        x, out = np.arange(12.0).reshape(3, 4), np.zeros(7)
+        function(x, whole, flags, 2, out)
+        made.append(np.concatenate([x.ravel(), whole, flags, out]))
+    np.testing.assert_array_equal(*made)
+
+
 @pytest.mark.parametrize("collects", [True, False])
 def test_garbage_is_collected_again_after_compiling(collects):
     @entry

@@ -27,14 +27,17 @@ import functools
 import operator
 from contextlib import contextmanager
 
+import llvmlite.ir
 from llvmlite import binding as llvm
 from numba import _dynfunc
-from numba.core import ir, typed_passes, types, untyped_passes
+from numba.core import cgutils, ir, typed_passes, types, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, Flags
 from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
 from numba.core.ir_utils import get_definition, guard
+from numba.core.lowering import Lower
 from numba.core.typed_passes import NopythonTypeInference
+from numba.np.arrayobj import load_item, store_item
 
 from .progress import current
 from .structure import never_written, size_of
@@ -163,6 +166,61 @@ class _WhatIsThere(FunctionPass):
         return changed
 
 
+class _Lower(Lower):
+    """Lowering in which an item of a contiguous array takes ten instructions; Numba's fifty copy its descriptor."""
+
+    def lower_getitem(self, resty, expr, value, index, signature):
+        """Load an item, or do as Numba does."""
+        kind, place = self.typeof(value.name), self.typeof(index.name)
+        if self._is_item(kind, place) and resty == kind.dtype:
+            at = self._address(kind, place, self.loadvar(value.name), self.loadvar(index.name))
+            return load_item(self.context, self.builder, kind, at)
+        return super().lower_getitem(resty, expr, value, index, signature)
+
+    def lower_setitem(self, target_var, index_var, value_var, signature):
+        """Store an item, or do as Numba does."""
+        kind, place = self.typeof(target_var.name), self.typeof(index_var.name)
+        if not self._is_item(kind, place):
+            return super().lower_setitem(target_var, index_var, value_var, signature)
+        value, own = self.loadvar(value_var.name), self.typeof(value_var.name)
+        value = self.context.cast(self.builder, value, own, kind.dtype)
+        at = self._address(kind, place, self.loadvar(target_var.name), self.loadvar(index_var.name))
+        return store_item(self.context, self.builder, kind, value, at)
+
+    def _is_item(self, kind, place):
+        """Return whether an index of this type is one item of a contiguous array, within bounds unchecked."""
+        indices = place.types if isinstance(place, types.BaseTuple) else [place]
+        whole = all(isinstance(i, types.Integer) and i.signed for i in indices)
+        contiguous = isinstance(kind, types.Array) and kind.layout == "C" and kind.ndim == len(indices)
+        return whole and contiguous and not self.context.enable_boundscheck
+
+    def _address(self, kind, place, array, index):
+        """Return the address of an item, of an index below 0 counted from the end."""
+        builder, fields = self.builder, self.context.data_model_manager[kind]
+        shape = cgutils.unpack_tuple(builder, fields.get(builder, array, "shape"), kind.ndim)
+        several = isinstance(place, types.BaseTuple)
+        at, zero = None, shape[0].type(0)
+        for one, i, size in zip(
+            place.types if several else [place], cgutils.unpack_tuple(builder, index) if several else [index], shape
+        ):
+            i = self.context.cast(builder, i, one, types.intp)
+            if not (isinstance(i, llvmlite.ir.Constant) and i.constant >= 0):
+                i = builder.select(builder.icmp_signed("<", i, zero), builder.add(i, size), i)
+            at = i if at is None else builder.add(builder.mul(at, size), i)
+        return builder.gep(fields.get(builder, array, "data"), [at])
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _Lowering(typed_passes.BaseNativeLowering):
+    """Numba's pass with this `Lower`."""
+
+    _name = "lowering"
+
+    @property
+    def lowering_class(self):
+        return _Lower
+
+
 PASSES = (  # those of Numba's DefaultPassBuilder that kernels need
     untyped_passes.TranslateByteCode,
     untyped_passes.FixupArgs,
@@ -175,7 +233,7 @@ PASSES = (  # those of Numba's DefaultPassBuilder that kernels need
     NopythonTypeInference,
     typed_passes.PreLowerStripPhis,
     _BeforeLowering,
-    typed_passes.NativeLowering,
+    _Lowering,
     typed_passes.NoPythonBackend,
 )
 

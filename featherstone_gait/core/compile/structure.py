@@ -86,19 +86,33 @@ typeof_impl.register(_Structure)(lambda value, context: _StructureClass(value))
 register_model(_StructureClass)(models.OpaqueModel)
 
 
+class _Address(ir.PointerType):
+    """The LLVM type of a value: a pointer that prints as one, not as all that it points to."""
+
+    def __init__(self, body):
+        super().__init__()
+        self.body = body
+
+    def as_pointer(self, addrspace=0):
+        made = ir.PointerType(None, addrspace)
+        made.pointee = self  # which Numba looks at
+        return made
+
+
 @register_model(StructureType)
 class _StructureModel(models.DataModel):
     """A value is the address of its fields; structures within it are part of it."""
 
     def __init__(self, dmm, fe_type):
         super().__init__(dmm, fe_type)
-        self.inner = [dmm[kind] for kind in fe_type.types]
+        self.inner, self.offsets = [dmm[kind] for kind in fe_type.types], None
         self.body = ir.LiteralStructType(
             [m.body if isinstance(m, _StructureModel) else m.get_value_type() for m in self.inner]
         )
+        self.address = _Address(self.body)
 
     def get_value_type(self):
-        return ir.PointerType(self.body)
+        return self.address
 
     def get_data_type(self):
         return self.body
@@ -107,10 +121,12 @@ class _StructureModel(models.DataModel):
         return value
 
     def as_data(self, builder, value):
-        return builder.load(value)
+        return builder.load(value, typ=self.body)
 
     def from_data(self, builder, value):
-        return cgutils.alloca_once_value(builder, value)
+        made = cgutils.alloca_once_value(builder, value)
+        made.type = self.address
+        return made
 
     get_return_type, from_argument, as_return, from_return = get_data_type, as_argument, as_data, from_data
 
@@ -122,12 +138,20 @@ class _StructureModel(models.DataModel):
 
     def get(self, builder, value, k):
         """Load field k."""
-        at = cgutils.gep_inbounds(builder, value, 0, k)
-        return at if isinstance(self.inner[k], _StructureModel) else builder.load(at)
+        at = self._address(builder, value, k)
+        return at if isinstance(self.inner[k], _StructureModel) else builder.load(at, typ=self.body.elements[k])
+
+    def _address(self, builder, value, k):
+        """Return the address of field k, by its offset: that by the type would print the whole type at each use."""
+        if self.offsets is None:
+            self.offsets = _offsets(self.body)
+        at = builder.gep(value, [ir.Constant(ir.IntType(64), self.offsets[k])], inbounds=True, source_etype=_BYTE)
+        at.type = self.inner[k].address if isinstance(self.inner[k], _StructureModel) else ir.PointerType()
+        return at
 
     def put(self, context, builder, value, k, field):
         """Write field k, once."""
-        at = cgutils.gep_inbounds(builder, value, 0, k)
+        at = self._address(builder, value, k)
         if isinstance(self.inner[k], _StructureModel):
             size = ir.Constant(ir.IntType(64), context.get_abi_sizeof(self.inner[k].body))
             cgutils.raw_memcpy(builder, at, field, size, 1)
@@ -170,6 +194,7 @@ def _field(context, builder, kind, value, name):
 def _construct(context, builder, sig, args):
     model = context.data_model_manager[sig.return_type]
     made = cgutils.alloca_once(builder, model.body)
+    made.type = model.address
     for k, (field, given, kind) in enumerate(zip(args, sig.args, sig.return_type.types)):
         model.put(context, builder, made, k, context.cast(builder, field, given, kind))
     return made
@@ -179,6 +204,7 @@ def _construct(context, builder, sig, args):
 def _unbox(kind, obj, c):
     model = c.context.data_model_manager[kind]
     made = cgutils.alloca_once(c.builder, model.body)
+    made.type = model.address
     failed, cleanups = cgutils.false_bit, []
     for k, part in enumerate(kind.types):
         native = c.unbox(part, c.pyapi.tuple_getitem(obj, k))
@@ -192,6 +218,18 @@ def _unbox(kind, obj, c):
             undo()
 
     return NativeValue(made, cleanup=cleanup, is_error=failed)
+
+
+_BYTE = ir.IntType(8)
+
+
+def _offsets(kind):
+    """Return the offsets of the elements of an LLVM structure [bytes]."""
+    from numba.core.registry import cpu_target
+
+    layout = cpu_target.target_context.target_data
+    made = kind._get_ll_global_value_type(layout)
+    return [layout.get_element_offset(made, k) for k in range(len(kind.elements))]
 
 
 _sizes: dict = {}  # of types of llvmlite, by their identity: to compare two takes long
@@ -212,8 +250,8 @@ def never_written(module, layout):
     for function in module.functions:
         for argument in function.args[2:]:  # after the results
             kind = argument.type
-            if isinstance(kind, ir.PointerType) and isinstance(kind.pointee, ir.LiteralStructType):
-                argument.attributes.dereferenceable = size_of(layout, kind.pointee)
+            if isinstance(kind, _Address):
+                argument.attributes.dereferenceable = size_of(layout, kind.body)
                 argument.add_attribute("noalias")
                 argument.add_attribute("captures(none)")
                 set.add(argument.attributes, "readonly")  # llvmlite knows fewer attributes than LLVM
