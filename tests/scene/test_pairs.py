@@ -16,7 +16,7 @@ from featherstone_gait.model.placed import Placed, SceneModel
 from featherstone_gait.model.rest_posture import nearest_posture
 from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.run.simulate import simulate
+from featherstone_gait.run.simulate import initial_state, simulate
 from featherstone_gait.scene.compile import compile_scene
 
 G = 9.81
@@ -446,3 +446,25 @@ def test_the_pool_has_room_for_what_is_near_at_the_start_and_for_piles():
     for ground in (None, Ground()):
         scene = compile_scene([Placed(robot, orientation=TURNED)], ground=ground, pairs="all")
         assert 32 + 2 * 200 < scene.touching.table.slots[0] < scene.touching.table.pairs.slots.sum()
+
+
+def test_a_box_that_slides_over_an_edge_rests_with_its_weight_until_it_tips():
+    """Its corners leave the table one by one; what carries it and what brakes it stay, and no contact gives energy."""
+    yaw, friction = 0.35, 0.1
+    start = 0.5 - 0.1 * (math.cos(yaw) + math.sin(yaw)) - 2e-3
+    turned = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+    box = Placed(body(Box((0.2, 0.2, 0.2)), 1.0), "box", (start, 0.0, 0.1 - 1e-4), turned)
+    table = obstacle(Box((1.0, 1.0, 0.1)), "table", (0.0, 0.0, -0.05))
+    contact = PairContact(penetration=1e-4, friction=friction)
+    scene = compile_scene(SceneModel("edge", [box], [table]), pairs=contact, timestep=1e-3)
+    state = initial_state(scene, None, {"box": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)})
+    record = ("base_q", "pair_force", "pair_normal_force", "pair_work")
+    run = simulate(scene, 0.4, state, record=record, record_interval=1e-3, estimate_error=False)
+    normal = run["pair_normal_force"].sum(axis=1)
+    braking = -run["pair_force"].reshape(len(normal), -1, 3).sum(axis=1)[:, 0]
+    on = (run["base_q"][:, 0] < 0.495) & (run["time"] > 2e-3)
+    assert on.sum() > 100
+    assert normal[on] == pytest.approx(9.81, rel=0.1)
+    assert braking[on] == pytest.approx(friction * normal[on], rel=0.07)
+    assert np.diff(run["pair_work"][:, 0]).max() <= 0.0
+    assert run["base_q"][-1, 2] < -0.05  # it falls past the table

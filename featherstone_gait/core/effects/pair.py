@@ -421,6 +421,7 @@ def _keep_features(turning, pair, step, c, lane, width, found):
             if j < pair.slots:
                 pool.old[m, 0] = j
                 y[(o.pair_feature + c + j) * width + lane] = pool.manifold[m, 7] + 1.0
+                y[(o.pair_normal_force + c + j) * width + lane] = 0.0  # that of what had the slot before
                 for k in range(3):
                     y[(o.pair_deflection + 3 * (c + j) + k) * width + lane] = 0.0
                 if turning is not None:

@@ -19,6 +19,7 @@ from .patch import (
     SAME,
     SIDES,
     VERTEX,
+    aligned,
     deepest_row,
     fade,
     keep_deep,
@@ -400,7 +401,7 @@ def _along(pair, shapes, bench, out, n, xa, gap):
         P, count = bench.rows[0], _face_rows(pair, shapes, bench, second, face, m)
         count = keep_deep(pair, P, count, m, offset, best)
         count = with_nearest(pair, P, count, xa if second else sub(xa, scale(n, gap)), gap)
-        fade(pair, P, count, m, n)
+        fade(P, count, aligned(m, n))
         return put_rows(pair, out, P, count, n, second)
     found, line, side = _side_line(pair, shapes, bench, n)
     if found:

@@ -143,7 +143,7 @@ def keep_deep(pair, P, count, m, offset, slope):
         for i in range(kept):
             again = again or P[i, 3] == P[k, 3]
         if depth > -pair.margin and not again:
-            for x in range(4):
+            for x in range(5):
                 P[kept, x] = P[k, x]
             P[kept, 5] = depth
             kept += 1
@@ -159,7 +159,7 @@ def with_nearest(pair, P, count, x, gap):
         return count
     if at < 0:
         at = count
-        P[at, 3] = NEAREST
+        P[at, 3], P[at, 4] = NEAREST, 1.0
         count += 1
     store3(P, at, 0, x)
     P[at, 5] = depth
@@ -173,16 +173,22 @@ def lessened(depth, weight):
 
 
 @kernel
-def fade(pair, P, count, m, n):
-    """Lessen the depths of all rows but the deepest, to nothing where n is `PARALLEL` off a face's normal m.
-
-    So those that lie over the face do not vanish at once when the shapes turn from touching along it.
-    """
-    turned, deep = cross(m, n), deepest_row(P, count)
-    keep = max(0.0, 1.0 - sqrt(dot(turned, turned)) / PARALLEL)
+def fade(P, count, keep):
+    """Lessen the depths of all rows but the deepest to as much as `keep` says."""
+    deep = deepest_row(P, count)
     for k in range(count):
         if k != deep:
             P[k, 5] = lessened(P[k, 5], keep)
+
+
+@inline
+def aligned(m, n):
+    """Return how much lies over a face of normal m if n is not quite that: 1, falling to 0 at `PARALLEL`.
+
+    So what lies over the face does not vanish at once when the shapes turn from touching along it.
+    """
+    turned = cross(m, n)
+    return max(0.0, 1.0 - sqrt(dot(turned, turned)) / PARALLEL)
 
 
 @inline

@@ -9,6 +9,7 @@ its sides (I. E. Sutherland, G. W. Hodgman, "Reentrant polygon clipping", Commun
 from math import inf, sqrt
 
 from ..compile.jit import kernel
+from ..compile.lanes import clamp
 from ..compile.optional import if_present
 from .closest import closest_on_lines, nearest_points, put_lines
 from .patch import (
@@ -16,13 +17,16 @@ from .patch import (
     ODD,
     PARALLEL,
     SAME,
+    SHORT,
     SIDES,
     TINY,
     VERTEX,
+    aligned,
     deepest_row,
     fade,
     keep_deep,
     lay_vertices,
+    lessened,
     lowest,
     plane_of,
     put_nearest,
@@ -73,6 +77,7 @@ def polytope_points(near, pair, shapes, bench, out):
         V, vertices = bench.vertices[0 if second else 1], (pair.a.vertices if second else pair.b.vertices)
         low, _ = lowest(V, vertices, m)
         count = with_nearest(pair, P, count, load3(V, low, 0), gap)
+    _share_corners(P, count, 1.0)
     return put_rows(pair, out, P, count, n, second)
 
 
@@ -248,7 +253,9 @@ def aligned_points(pair, shapes, bench, out, n, xa, xb, gap):
     P = bench.rows[0]
     count = keep_deep(pair, P, count, m, offset, best)
     count = with_nearest(pair, P, count, xa if second else xb, gap)
-    fade(pair, P, count, m, n)
+    keep = aligned(m, n)
+    fade(P, count, keep)
+    _share_corners(P, count, keep)
     return put_rows(pair, out, P, count, n, second)
 
 
@@ -296,7 +303,63 @@ def _clipped(pair, shapes, bench, second, face):
             w = scale(w, 1.0 / sqrt(square))
             count = _cut(pair, shapes, P, Q, count, (w, dot(w, p)), (second, start, loop, k))
             P, Q = Q, P
-    return moved(P, bench.rows[0], count)
+    count = moved(P, bench.rows[0], count)
+    _weigh_corners(pair, shapes, bench, m, (second, start, loop), bench.rows[0], count)
+    return count
+
+
+@kernel
+def _weigh_corners(pair, shapes, bench, m, by, P, count):
+    """Write into the rows what each counts, in the place of the label of the side to the next.
+
+    A corner that leaves a face over its side becomes two points, and where the next one follows it two become one.
+    Points at one place therefore share what one of them would count: each side of the polygon that is shorter than
+    `SHORT` of an eighth of all sides, and is cut, takes up to one from its ends; from both alike where they are as
+    deep as each other, and from the less deep one beyond a slope of `PARALLEL`.  m, by: see `_clipped`, `_meeting`.
+    """
+    whole = 0.0
+    for k in range(count):
+        P[k, 5] = 0.0
+        whole += _apart(P, k, k + 1 if k + 1 < count else 0)
+    short = SHORT / 8.0 * whole
+    for k in range(count if count > 2 else 0):
+        i = k + 1 if k + 1 < count else 0
+        length = _apart(P, k, i)
+        if length < short and P[k, 3] != P[i, 3]:
+            less = 1.0 - length / min(short, _length_of_side(pair, shapes, bench, by, int(P[k, 4])))
+            rise = dot(m, sub(load3(P, i, 0), load3(P, k, 0)))  # by how much less deep the next point is
+            share = clamp(0.5 - 0.5 * rise / (PARALLEL * length), 0.0, 1.0) if length > 0.0 else 0.5
+            P[k, 5] += max(0.0, less * share)
+            P[i, 5] += max(0.0, less * (1.0 - share))
+    for k in range(count):
+        P[k, 4] = max(0.0, 1.0 - P[k, 5])
+
+
+@kernel
+def _length_of_side(pair, shapes, bench, by, label):
+    """Return the whole length of a side of which the clipped polygon has a part [m]; label and by as in `_meeting`."""
+    second, start, loop = by
+    if label >= 0:
+        p, q = _ends(shapes, pair.a if second else pair.b, bench.vertices[0 if second else 1], label)
+    else:
+        V, k = bench.vertices[1 if second else 0], -1 - label
+        p = load3(V, shapes.around[start + k, 0], 0)
+        q = load3(V, shapes.around[start + (k + 1 if k + 1 < loop else 0), 0], 0)
+    d = sub(q, p)
+    return sqrt(dot(d, d))
+
+
+@kernel
+def _apart(P, k, i):
+    d = sub(load3(P, k, 0), load3(P, i, 0))
+    return sqrt(dot(d, d))
+
+
+@kernel
+def _share_corners(P, count, keep):
+    """Lessen the depths of rows that share a corner, as much as `keep` says."""
+    for k in range(count):
+        P[k, 5] = lessened(P[k, 5], 1.0 - keep * (1.0 - P[k, 4]))
 
 
 @kernel
