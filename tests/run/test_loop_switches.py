@@ -100,6 +100,38 @@ def test_a_pendulum_that_is_caught_and_let_go_keeps_account_of_its_energy():
     assert totals[2][0] == pytest.approx(totals[1][-1], abs=1e-9)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["implicit_euler", "ars343", "dop853"])
+def test_a_hand_catches_a_falling_box_holds_it_by_its_weight_and_drops_it(integrator):
+    inertia = (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)
+    links = Link("frame"), Link("hand", 0.3, inertia=inertia), Link("box", 0.2, inertia=inertia)
+    up = Joint("up", "prismatic", "frame", "hand", axis=(0.0, 0.0, 1.0))
+    loose, grip = Joint("loose", "free", "frame", "box"), Loop("grip", "weld", "hand", "box")
+    model = Model("lift", links, (up, loose), loops=(grip,))
+    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
+    start = initial_state(scene, [0.0, 0.05, 0.02, -0.1, 1.0, 0.0, 0.0, 0.0], open_loops=["grip"])
+
+    def go(duration, state, borne):
+        tau = np.array([borne * 9.81, *np.zeros(model.nv - 1)])
+        run = simulate(scene, duration, state, tau=tau, record=("q", "qd", "loop_force"), **ONCE)
+        assert run.status == "ok"
+        return run
+
+    fallen = go(0.1, start, 0.3)
+    caught = switch_loop(scene, fallen, "grip", True, within=math.inf)
+    view, v = scene.state_view(caught), -0.1 * 9.81
+    assert view.qd[[0, 3]] == pytest.approx(0.4 * v, rel=1e-12)
+    assert view.loop_loss[0] == pytest.approx(0.5 * 0.2 * v**2 * (1.0 - 0.4), rel=1e-12)
+    held = go(0.5, caught, 0.5)
+    weight = 0.2 * 9.81  # of the box, 5 cm ahead of the hand and 2 cm to its side
+    force = [0.0, 0.0, -weight, -0.02 * weight, 0.05 * weight, 0.0]
+    np.testing.assert_allclose(held["loop_force"][-1], force, rtol=0, atol=1e-12)
+    assert held["qd"][-1, [0, 3]] == pytest.approx(0.4 * v, rel=1e-12)
+    dropped = go(0.1, switch_loop(scene, held, "grip", False), 0.3)
+    np.testing.assert_allclose(dropped["qd"][-1, [0, 3]], [0.4 * v, 1.4 * v], rtol=1e-12)
+    assert not dropped["loop_force"][1:].any()
+
+
 def test_each_robot_of_a_session_makes_and_breaks_its_own_loop():
     scene = compile_scene(sliders(), integrator="implicit_euler", timestep=1e-3)
     start = initial_state(scene, [0.0, 0.5], [2.0, 0.0], open_loops=["lock"])

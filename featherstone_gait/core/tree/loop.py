@@ -69,7 +69,7 @@ def fill_loops(loop, held, gravity, base_q, W, rows):
     (closed, places), zero = held, 0.0 * W[0, P]
     for c in range(len(loop)):
         k, at = loop[c], PLACE * c
-        xa, xb = _point(base_q, k.a, k.pa, W), _point(base_q, k.b, places[at : at + 3], W)
+        xa, xb = _point(base_q, k.a, k.pa, W), _point(base_q, k.b, _three(places, at), W)
         for t in range(row_count(k.kind)):
             rows[k.first + t, ON] = closed[c] + zero
         if k.kind == DISTANCE:
@@ -86,8 +86,14 @@ def fill_loops(loop, held, gravity, base_q, W, rows):
 
 
 @inline
+def _three(places, at):
+    return places[at], places[at + 1], places[at + 2]
+
+
+@inline
 def _frame(k, places, at, W):
-    return _axes(k.b, places[at + FRAME : at + FRAME + 9], W)
+    at += FRAME
+    return _axes(k.b, _three(places, at) + _three(places, at + 3) + _three(places, at + 6), W)
 
 
 @inline
@@ -211,7 +217,7 @@ def take_place(loop, c, base_q, W, places):
     k, at = loop[c], PLACE * c
     x, Ra = _point(base_q, k.a, k.pa, W), _axes(k.a, k.Ea, W)
     if k.kind == DISTANCE:
-        d = sub(x, _point(base_q, k.b, places[at : at + 3], W))
+        d = sub(x, _point(base_q, k.b, _three(places, at), W))
         places[at + LENGTH] = sqrt(dot(d, d))
     elif k.b >= 0:
         Rb = load9(W, k.b, R)
