@@ -255,8 +255,8 @@ class Joint:
 class Spring:
     """A spring with a damper between points of two links: it pulls them together with K (l - l0) + C dl/dt.
 
-    One of the links may be the root of a robot with a fixed base.  The simulator takes its force at the start of a
-    step or stage, so a stiff spring needs small steps, best chosen by error control.
+    One of the links may be the root of a robot with a fixed base.  Implicit steps take its force at their end, so that
+    a stiff spring does not limit them.
 
     Attributes
     ----------

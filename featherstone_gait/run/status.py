@@ -25,8 +25,8 @@ class Status(StrEnum):
         "step too small": error control asked for a shorter step than it may take, and the run ended there.
     NOT_CONVERGED
         "not converged": an implicit step missed its tolerance, a step left a loop open, the step is larger than what
-        the integrator or springs between bodies allow, or an explicit integrator met a joint stop that it does not
-        resolve, or may have carried a body over a thin one.
+        the integrator allows, or an explicit integrator met a joint stop that it does not resolve, or may have
+        carried a body over a thin one.
     INACCURATE
         "inaccurate": the estimated error is larger than `simulate` allows.
     TOO_COSTLY

@@ -40,8 +40,8 @@ class Trajectory(Mapping[str, np.ndarray]):
         - "chatter": velocities alternate from step to step; the step is too large for the integrator and the result is
           wrong, even where it is bounded.
         - "inaccurate": the estimated error exceeds 1e-3 (see `simulate`).
-        - "not converged": an implicit step missed its tolerance, the step exceeds what the method or springs between
-          bodies allow, or rk4 met a joint stop that it does not resolve at that step.
+        - "not converged": an implicit step missed its tolerance, the step exceeds what the method
+          allows, or rk4 met a joint stop that it does not resolve at that step.
         - "step too small": error control asked for a step below its minimum, and the run ended there.
         - "too costly": error control reached its maximal number of steps, and the run ended there.
         - "too many contacts": more pairs were near each other than have room, and the run ended there.
