@@ -114,9 +114,8 @@ class Tendon:
     def _flaws(self, what: str) -> Iterator[str]:
         yield from name_flaws("tendon", self.name)
         if bool(self.joints) == bool(self.path):
-            which = "both" if self.path else "neither"
-            remedy = "give one of them, joints=[('elbow', 0.02)] or path=[Via(...)]"
-            yield f"{what}: has {which} joints and a path; {remedy}"
+            which = "both joints and a path" if self.path else "neither joints nor a path"
+            yield f"{what}: has {which}; give one of them, joints=[('elbow', 0.02)] or path=[Via(...)]"
         yield from self._joint_flaws(what)
         if self.path and not all(isinstance(one, Via) for one in self.path):
             yield f"{what}: path is {shown(self.path)}; expected points: give a list of Via"

@@ -19,7 +19,7 @@ from ..core.effects.firmware import TURN
 from ..core.step import pace
 from ..core.step.signals import Knots
 from ..core.tree.loop import PLACE
-from ..dynamics import forward_kinematics
+from ..dynamics import forward_kinematics, loop_gaps
 from ..dynamics.algorithms import loop_measures
 from ..dynamics.inverse_kinematics import close_loops, is_flipped
 from ..model import Model
@@ -88,7 +88,9 @@ def initial_state(
     default = _default(model, scene)
     if q is None and len(names) < len(model.loops):
         kept = tuple(loop for loop in model.loops if loop.name not in names)
-        default = close_loops(replace(model, loops=kept), default, hold_base=True)
+        closed = replace(model, loops=kept)
+        if np.abs(loop_gaps(closed, default)).max() > CLOSED:
+            default = close_loops(closed, default, hold_base=True)
     if model.base == "floating":
         if scene.ground is not None and q is None:
             default[2] = standing_height(model, scene.ground, default)

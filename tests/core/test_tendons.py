@@ -429,7 +429,7 @@ def test_eight_at_once_have_the_bits_of_one(integrator):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"joints": ()}, "tendon 't': has neither joints and a path; give one of them"),
+        ({"joints": ()}, "tendon 't': has neither joints nor a path; give one of them"),
         ({"joints": [("j", 0.0)]}, "coefficient of joint 'j' is 0.0; expected a number other than 0"),
         ({"joints": [("j", 1.0), ("j", 2.0)]}, "joint 'j' is given 2 times"),
         ({"joints": ["j"]}, "joints has 'j'; expected a name and a coefficient"),

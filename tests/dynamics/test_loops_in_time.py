@@ -317,3 +317,36 @@ def test_a_chain_of_fifty_links_hung_at_both_ends_hangs_as_a_catenary_and_swings
     assert np.ptp(both.kinetic) > 0.05
     assert np.abs(total - total[0]).max() < 1e-6 * np.ptp(both.kinetic)
     assert max(np.abs(loop_gaps(chain, one)).max() for one in swing["q"]) < 1e-10
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
+def test_a_mass_on_a_rod_turns_on_without_gaining_speed(integrator):
+    """At 0.2 rad a step for 6 turns; the closest straight steps would gain or lose a fiftieth of the speed in each."""
+    slides = (
+        Joint("x", "prismatic", "post", "cart", axis=(1.0, 0.0, 0.0)),
+        Joint("z", "prismatic", "cart", "mass", axis=(0.0, 0.0, 1.0)),
+    )
+    rod = Loop("rod", "distance", "mass", None, distance=1.0)
+    model = Model("circle", (Link("post"), Link("cart"), Link("mass", 1.0)), slides, loops=(rod,))
+    scene = compile_scene(model, integrator=integrator, timestep=1e-2, gravity=(0.0, 0.0, 0.0))
+    run = simulate(scene, 2.0, initial_state(scene, [1.0, 0.0], [0.0, 20.0]), record=("qd",), estimate_error=False)
+    assert run.ok
+    speed = np.hypot(*run["qd"].T)
+    assert (np.diff(speed) < 1e-10).all()
+    assert speed[-1] > 0.9 * speed[0]
+    slow = simulate(scene, 2.0, initial_state(scene, [1.0, 0.0], [0.0, 10.0]), record=("qd",), estimate_error=False)
+    kept = 1.0 - np.hypot(*slow["qd"][-1]) / 10.0
+    assert kept < (1.0 - speed[-1] / speed[0]) / 6.0  # the third power of the rate, and less
+
+
+def test_a_run_that_comes_to_no_end_stays_at_its_last_state():
+    """A four-bar at its dead point stops error control; records after that repeat the last one."""
+    model = four_bar(0.5, 0.4, 0.6, 0.5)
+    q = close_loops(model, [-1.2, 0.8, -1.0])
+    scene = compile_scene(model, integrator="dop853")
+    run = simulate(scene, 2.0, initial_state(scene, q), record=("q",), record_interval=0.01, estimate_error=False)
+    assert run.status == "step too small"
+    ended = run["time"] > run.end_time + 1e-9
+    assert 20 < ended.sum() < 180
+    assert max(np.abs(loop_gaps(model, one)).max() for one in run["q"]) < 1e-9
+    np.testing.assert_array_equal(run["q"][ended], np.tile(run["q"][-1], (ended.sum(), 1)))

@@ -119,6 +119,17 @@ def test_grounds_slopes_steps_and_fields():
         assert found[0] == pytest.approx(wanted, rel=1e-12)
 
 
+def test_flat_hulls_end_at_their_edges_and_lines_are_not_met():
+    plate = Hull(((0.0, -0.3, -0.3), (0.0, 0.3, -0.3), (0.0, 0.3, 0.3), (0.0, -0.3, 0.3)))
+    rays = [(0.0, 0.29), (0.29, 0.0), (0.0, 0.31), (0.31, 0.0), (5.0, 0.0)]
+    for (y, z), wanted in zip(rays, (2.0, 2.0, math.inf, math.inf, math.inf)):
+        for direction, origin in (([1.0, 0.0, 0.0], 0.0), ([-1.0, 0.0, 0.0], 4.0)):
+            sensor = RangeSensor("world", [direction], position=(origin, y, z))
+            assert measured(plate, sensor)[0] == pytest.approx(wanted, abs=1e-12)
+    for line in (Hull(((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))), Hull(((0.0, 0.0, 0.0),))):
+        assert measured(line, RangeSensor("world", AHEAD, position=(0.0, 1e-9, 0.0)))[0] == math.inf
+
+
 # ------------------------------------------------------------------------------------------------ MuJoCo
 
 

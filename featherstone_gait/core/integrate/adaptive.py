@@ -65,7 +65,10 @@ def rollout_adaptive(run, y, out):
             return False
     for i in range(PACE):
         y[offsets.step_control + i] = pace[i]
-    for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state
+    first = k // plan.per_sample + 1
+    if dead and k > 0:
+        first = min(first, int(pace[NEXT]))
+    for m in range(first, len(out)):  # a run that ended early stays at its last state
         record(run, y, m, out)
     return True
 
@@ -108,6 +111,7 @@ def _cross(run, y, k, end, most, out):
     if pace[GRID] > 0.0:
         done, until, next_record = pace[INSIDE], pace[EVENT], int(pace[NEXT])
         pace[GRID] = 0.0
+    pace[NEXT] = next_record
     while done < length:
         if done >= until:
             event = _next_event(run.scene.push, u.torques, u.continuous, u.reference, t + done)
@@ -125,6 +129,7 @@ def _cross(run, y, k, end, most, out):
         h = take_adaptive_step(run.work, run, y, t + done, min(longest, until - done))
         follow(run.scene.coupling, run.offsets[0], y)
         next_record = record_within(run.work, run, y, (t + done, h, end), next_record, out)
+        pace[NEXT] = next_record
         done = until if h >= until - done else done + h
         y[run.offsets[0].end_time] = t + done
         if ends_on_records(run.work) is None or done >= length:  # no error is accepted that is not finite
@@ -139,7 +144,7 @@ def _cross(run, y, k, end, most, out):
         if read_now(run.stop) != 0:
             return True
         if pace[EVALUATIONS] >= plan.pause and done < length:
-            pace[GRID], pace[INSIDE], pace[EVENT], pace[NEXT] = k + 1.0, done, until, next_record
+            pace[GRID], pace[INSIDE], pace[EVENT] = k + 1.0, done, until
             return False
     return False
 

@@ -9,7 +9,7 @@ from ..compile.lanes import select
 from ..compile.optional import only_if
 from ..compile.structure import structure
 from ..step.advance import step_trees
-from ..step.closure import project
+from ..step.closure import project, project_euler
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.signals import inputs_over_step
 from .integrator import Integrator, scratch, take_step, thetas
@@ -36,7 +36,16 @@ def implicit_step(work, run, y, t, theta):
         W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, pool=scratch.pool, part=None, closing=scratch.closing,
     )  # fmt: skip
     step_trees(at)
-    project(scene.loops, scene, offsets, scratch, y)
+    _close(work.predicted, scene, offsets, scratch, h, y)
+
+
+@inline
+def _close(predicted, scene, offsets, scratch, h, y):
+    """Close loops at the end of the step; factors in its middle, as the midpoint rule has them, suit both ends."""
+    if predicted is None:
+        project_euler(scene.loops, scene, offsets, scratch, h, y)
+    else:
+        project(scene.loops, scene, offsets, scratch, y)
 
 
 @inline

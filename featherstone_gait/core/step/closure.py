@@ -20,6 +20,7 @@ from ..tree.forest import base_of
 from ..tree.kinematics import base_acceleration, motion_pass, move_base, pose_pass
 from ..tree.layout import Motion
 from ..tree.loop import (
+    BIAS,
     GAP,
     IN_STEP,
     ON,
@@ -117,6 +118,32 @@ def project(loops, scene, offsets, scratch, y):
         _project(loops, scene, offsets, (scratch.W, scratch.closing), y)
 
 
+@inline
+def project_euler(loops, scene, offsets, scratch, h, y):
+    """Close what a step of Euler's has left open in y, in factors that are found there.
+
+    Velocities that were moved along the loops' forces of its beginning alone would gain (h w)^2 / 2 a step where a loop
+    turns at the rate w, and along those of its end alone lose as much; so the acceleration that bends the path acts for
+    half of the step before they are moved along those of its end.
+    """
+    if loops is not None:
+        _unbend(loops, scene, offsets, (scratch.W, scratch.closing), h, y)
+        factor_at(loops, scene, offsets, (scratch.W, scratch.closing), y)
+        _project(loops, scene, offsets, (scratch.W, scratch.closing), y)
+
+
+@kernel
+def _unbend(loops, scene, offsets, scratch, h, y):
+    """Take half of the velocity back that the loops' bias has given in a step h."""
+    n, (W, work) = len(scene.tree) - 1, scratch
+    at_work = 0.0 * y[offsets.status] == 0.0
+    for r in range(len(work.push)):
+        work.push[r] = -0.5 * h * work.rows[r, BIAS]
+    _respond(loops, scene, work, W)
+    _move_joints(n, at_work, work.move, y[offsets.qd : offsets.qd + n])
+    _speed_base(base_of(scene.floating, None, y, offsets.base_qd, 6), at_work, work, W)
+
+
 @kernel
 def _project(loops, scene, offsets, scratch, y):
     """Move positions and velocities; count a step whose loops stay open as one that has not converged.
@@ -178,6 +205,12 @@ def _closes(k, now, before):
 def _find_move(column, loops, scene, work, W):
     for r in range(len(work.push)):
         work.push[r] = work.rows[r, column]
+    _respond(loops, scene, work, W)
+
+
+@inline
+def _respond(loops, scene, work, W):
+    """Fill the move that changes gaps or speeds by -push."""
     solve_rows(work.matrix, IN_STEP, work.push)
     scratch = work.responses, work.roots, work.factors
     move_by(loops.part[0], scene.tree, work.push, scratch, W, work.move)

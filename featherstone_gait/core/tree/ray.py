@@ -12,7 +12,7 @@ from math import inf, sqrt
 
 from ..compile.jit import entry, kernel
 from .distance import BOX, CYLINDER, FIELD, HALF_SPACE, POINT, SEGMENT, place
-from .spatial import add, dot, load9, scale, vector
+from .spatial import add, cross, dot, load9, scale, sub, vector
 
 X, Y, Z, DX, DY, DZ, FIRST, LAST = range(8)  # of a ray: origin, unit direction, piece in the shape at hand [m]
 LEAST = 1e-300  # of a denominator; a smaller one is parallel
@@ -75,11 +75,28 @@ def _meet(shapes, i, room, reach, rays, out):
         _behind((0.0, 0.0, 1.0), 0.0, ray)
     elif shape.kind == BOX:
         _box(shape.half, ray)
-    else:
-        _whole(ray)
-        for j in range(shape.first_face, shape.first_face + shape.faces):
-            _behind(vector(shapes.planes[j, 0:3]), shapes.planes[j, 3] + shape.radius, ray)
+    elif shape.faces > 0:
+        _hull(shapes, shape, ray)
+    else:  # a line or a point, which no ray meets
+        return
     _nearer(ray, out)
+
+
+@kernel
+def _hull(shapes, shape, ray):
+    """Set the pieces to those within a hull; one that lies in a plane ends at the edges of its two faces."""
+    _whole(ray)
+    for j in range(shape.first_face, shape.first_face + shape.faces):
+        normal = vector(shapes.planes[j, 0:3])
+        _behind(normal, shapes.planes[j, 3] + shape.radius, ray)
+        if shape.faces == 2:
+            start, count = shapes.loops[j]
+            for k in range(count):
+                p = vector(shapes.corners[shape.first_vertex + shapes.around[start + k, 0]])
+                after = shapes.around[start + (k + 1 if k + 1 < count else 0), 0]
+                along = sub(vector(shapes.corners[shape.first_vertex + after]), p)
+                side = scale(cross(along, normal), 1.0 / sqrt(dot(along, along)))
+                _behind(side, dot(side, p) + shape.radius, ray)
 
 
 @kernel

@@ -91,6 +91,8 @@ def why_not(m: Any, tree: Tree, t: int) -> str | None:
     """Return why a tendon is left out, None if it is not."""
     if any(m.wrap_type[w] not in (JOINT_WRAP, PULLEY_WRAP, SITE_WRAP) for w in _wraps(m, t)):
         return "which wrap around geoms"
+    if all(m.wrap_type[w] == JOINT_WRAP and m.wrap_prm[w] == 0 for w in _wraps(m, t)):
+        return "whose coefficients are all 0"
     if not all(tree.holds(m, b) for b in bodies_of(m, t)):
         return "which tie the robot to another one"
     sites = [int(m.wrap_objid[w]) for w in _wraps(m, t) if m.wrap_type[w] == SITE_WRAP]
