@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base import deprecated
-from ..base.arguments import instance, listed, one_of, shown, truth, vector
+from ..base.arguments import instance, shown, texts, truth, vector
 from ..base.fixed_order import total
+from ..base.flaws import quoted
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
 from ..core.effects.firmware import TURN
@@ -271,11 +272,12 @@ def check_unit(what: str, quaternion: np.ndarray, shortest: float, longest: floa
         )
 
 
-def loop_names(scene: CompiledScene, names: Any) -> list[str]:
-    """Return names of loops of a scene; ValueError for others."""
-    names, known = listed("open_loops", names, "give a list of names"), [loop.name for loop in scene.model.loops]
+def loop_names(scene: CompiledScene, names: Any, what: str = "open_loops") -> list[str]:
+    """Return names of loops of a scene; ValueError for others, which names the argument `what`."""
+    names, known = texts(what, names, "give a list of names"), [loop.name for loop in scene.model.loops]
     for name in names:
-        one_of("loop", name, known or ["(none: the model has no loops)"])
+        if name not in known:
+            raise ValueError(f"{what}: there is no loop {name!r}; loops: {quoted(known) or 'none'}: use one of them")
     return names
 
 

@@ -52,7 +52,7 @@ def switch_loop(
     """
     check_one(scene, "switch_loop")
     y = checked_state(scene, state).copy()
-    loop_names(scene, [name])
+    loop_names(scene, [name], "name")
     truth("closed", closed)
     within = real("within", within, 0.0, math.inf, "1e-3 is usual, math.inf closes it anywhere")
     model, view = scene.model, scene.state_view(y)

@@ -190,7 +190,7 @@ class _Lower(Lower):
     def _is_item(self, kind, place):
         """Return whether an index of this type is one item of a contiguous array, within bounds unchecked."""
         indices = place.types if isinstance(place, types.BaseTuple) else [place]
-        whole = all(isinstance(i, types.Integer) and i.signed for i in indices)
+        whole = bool(indices) and all(isinstance(i, types.Integer) and i.signed for i in indices)
         contiguous = isinstance(kind, types.Array) and kind.layout == "C" and kind.ndim == len(indices)
         return whole and contiguous and not self.context.enable_boundscheck
 
