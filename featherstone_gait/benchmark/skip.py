@@ -27,7 +27,7 @@ from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
 from ..geometry.body import body as solid
-from ..model import Ground, HeightField, Joint, Link, Loop, Mimic, Model, Supply
+from ..model import Ground, HeightField, Joint, Link, Loop, Mimic, Model, Supply, Tendon
 from ..model.numpy_dynamics import link_poses, zero_position
 from ..model.placed import Placed, SceneModel
 from ..model.shapes import Box, Sphere
@@ -226,6 +226,12 @@ def tied(arm: Model) -> Model:
     return replace(arm, loops=(Loop("rod", "distance", link, arm.root, point_b=(x + 0.3, y, z), distance=0.3),))
 
 
+def strung(model: Model) -> Model:
+    """Return the model with a tendon along its last ten joints, a spring with a damper."""
+    pulleys = tuple((name, 0.02) for name in model.joint_names[-10:])
+    return replace(model, tendons=(Tendon("tendon", pulleys, stiffness=100.0, damping=1.0),))
+
+
 @cache
 def chain(joints: int = 20) -> Model:
     """Return a chain of hinges whose axes take turns, bent everywhere."""
@@ -261,6 +267,7 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no loop", rollout(arm, integrator="rk4"), rollout(tied(arm), integrator="rk4"), "a rod to the base, rk4"),
         ("no loop (chain of 20 joints)", rollout(chain(), integrator="rk4"), rollout(tied(chain()), integrator="rk4"),
          "the same"),
+        ("no tendon (chain of 20 joints)", rollout(chain()), rollout(strung(chain())), "one along the last ten joints"),
         ("no coupled joints", plain, rollout(changed(arm, last, mimic=Mimic(arm.joints[0].name))), "the last of 7"),
         ("no pushes", plain, rollout(arm, pushes=(push,)), "one push"),
         ("no recorded channel", rollout(arm, every=1), rollout(arm, record=PARTS, every=1), "one number, and all"),
