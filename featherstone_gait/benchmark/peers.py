@@ -17,7 +17,7 @@ Humanoid: it stands, and walks a stride of a planned walk, with ten joints.  MuJ
 stiffness, damping and reflected inertia, but no gearbox spring, current and energy meter.  The robots walk
 differently, so each engine's error is counted from its own run at a sixteenth of the step.
 
-    featherstone-gait benchmark peers        eight minutes
+    featherstone-gait benchmark peers        twelve minutes
 """
 
 from __future__ import annotations

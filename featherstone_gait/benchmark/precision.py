@@ -7,7 +7,7 @@ near rounding.  The reference's own error is its difference to another integrato
 The time is that of the compiled run, with all its arguments prepared: least CPU time of some runs, single-threaded, by
 simulated time.  A call of `simulate` costs more, which is a column of its own.
 
-    featherstone-gait benchmark precision        eight minutes
+    featherstone-gait benchmark precision        twelve minutes
 """
 
 from __future__ import annotations

@@ -33,9 +33,9 @@ BENCHMARKS = {
         "the same at equal error, beside MuJoCo, MJX, MotrixSim",
         "rollouts.csv, rollouts_lines.csv, rollouts_parts.csv", 10,
     ),
-    "precision": Benchmark("run time against error of every integrator", "precision.csv, precision.png", 8),
+    "precision": Benchmark("run time against error of every integrator", "precision.csv, precision.png", 12),
     "peers": Benchmark(
-        "the same against Pinocchio, MuJoCo and SciPy", "peers.csv, peers_speed.csv, peers_lines.csv, peers.png", 8
+        "the same against Pinocchio, MuJoCo and SciPy", "peers.csv, peers_speed.csv, peers_lines.csv, peers.png", 12
     ),
     "contact": Benchmark(
         "contact at equal error, beside MuJoCo and Bullet",

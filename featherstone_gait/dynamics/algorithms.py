@@ -627,7 +627,7 @@ def tendon_lengths(model: Model, q: ArrayLike) -> np.ndarray:
     ValueError
         For wrong shapes and values that are not finite.
     """
-    return lengths_of(check_model(model), positions_of(model, q), model.tendons)
+    return lengths_of(model, positions_of(model, q), model.tendons)
 
 
 def tendon_energy(model: Model, q: ArrayLike) -> np.ndarray:
@@ -657,11 +657,7 @@ def tendon_energy(model: Model, q: ArrayLike) -> np.ndarray:
 
 def positions_of(model: Model, q: ArrayLike) -> np.ndarray:
     """Return positions (nq,) or (n, nq) as an array; raise ValueError for wrong shapes and values."""
-    q = np.asarray(floats(f"{model.name}: q", q))
-    if q.shape[-1:] != (model.nq,) or q.ndim > 2 or not np.isfinite(q).all():
-        expected = f"expected finite numbers of shape ({model.nq},) or (n, {model.nq})"
-        raise ValueError(f"{model.name}: q has the shape {q.shape}: {np.array2string(q, threshold=20)}; {expected}")
-    return q
+    return _shaped(_arguments(model, q=q)["q"], q)
 
 
 def lengths_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.ndarray:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..base.fixed_order import total
 from ..model import Model, Tendon
-from .algorithms import check_model, forward_kinematics, lengths_of, pieces, positions_of
+from .algorithms import forward_kinematics, lengths_of, pieces, positions_of
 from .jacobians import jacobian_at
 
 
@@ -33,7 +33,7 @@ def tendon_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
     ValueError
         For wrong shapes and values that are not finite.
     """
-    return rows_of(check_model(model), positions_of(model, q), model.tendons)
+    return rows_of(model, positions_of(model, q), model.tendons)
 
 
 def rows_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.ndarray:
