@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
 from scipy.linalg import expm
 
@@ -222,12 +223,6 @@ def test_a_spring_that_gives_way_is_refused():
 
 
 # --- MuJoCo ------------------------------------------------------------------------------------------------------
-
-
-def mujoco_model(path):
-    mujoco = pytest.importorskip("mujoco")
-    m = mujoco.MjModel.from_xml_path(str(path))
-    return mujoco, m, mujoco.MjData(m)
 
 
 @pytest.mark.filterwarnings("error")

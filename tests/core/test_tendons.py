@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
 
 from featherstone_gait import (
@@ -275,17 +276,20 @@ def test_a_robot_rests_and_its_linear_model_knows_the_tendons():
     rest = trim(scene, np.full(5, 0.2))
     assert rest.ok
     np.testing.assert_allclose(forward_dynamics(model, rest.q, np.zeros(5), rest.torque), 0.0, atol=1e-9)
-    stiff = linearize(scene, rest.state, tau=rest.tau) if rest.tau is not None else linearize(scene, rest.state)
-    assert np.abs(stiff.A).max() < 1e3
+    matrix = np.linalg.matrix_power(linearize(scene, rest.state, tau=rest.tau).A, scene.tick_steps)
+    for k in range(5):
+        ends = []
+        for shift in (1e-4, -1e-4):
+            start = initial_state(scene, rest.q + shift * np.eye(5)[k])
+            run = simulate(scene, 1e-3 * scene.tick_steps, start, tau=rest.tau, record=("q", "qd"))
+            ends.append(np.concatenate([run["q"][-1], run["qd"][-1]]))
+        np.testing.assert_allclose(matrix[:, k], (ends[0] - ends[1]) / 2e-4, rtol=1e-5, atol=1e-5)
+    loose = compile_scene(replace(model, tendons=()), integrator="implicit_euler", timestep=1e-3)
+    without = linearize(loose, initial_state(loose, rest.q), tau=rest.tau).A
+    assert np.abs(matrix - np.linalg.matrix_power(without, loose.tick_steps)).max() > 1e-3  # the tendons matter
 
 
 # --- MuJoCo ----------------------------------------------------------------------------------------------------------
-
-
-def mujoco_model(path):
-    mujoco = pytest.importorskip("mujoco")
-    m = mujoco.MjModel.from_xml_path(str(path))
-    return mujoco, m, mujoco.MjData(m)
 
 
 @pytest.mark.filterwarnings("error")
@@ -299,8 +303,7 @@ def test_passive_forces_are_those_of_mujoco_from_one_file(tmp_path):
     damping = np.array([t.damping for t in model.tendons])
     joints = np.array([j.damping for j in model.moving_joints])
     for path in (file, saved):
-        _, m, d = mujoco_model(path)
-        mujoco = pytest.importorskip("mujoco")
+        mujoco, m, d = mujoco_model(path)
         rng = np.random.default_rng(0)
         for _ in range(20):
             q, qd = rng.uniform(-1.0, 1.0, (2, 4))

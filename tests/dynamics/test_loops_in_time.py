@@ -288,7 +288,11 @@ def test_forces_of_loops_are_those_of_the_accelerations_and_do_no_work():
 
 @pytest.mark.long
 def test_a_chain_of_fifty_links_hung_at_both_ends_hangs_as_a_catenary_and_swings():
-    """Of n bars of weight w each, bar k hangs at the angle whose tangent is ((n + 1) / 2 - k) w / H; H by the span."""
+    """Check posture and pull of the chain against those of a chain at rest, then energy and gaps while it swings.
+
+    Each of the n bars has the weight w.  At rest the horizontal force H is the same everywhere, and the tangent of the
+    angle of bar k below the horizontal is ((n + 1) / 2 - k) w / H.  H follows from the distance of the two ends.
+    """
     n, length, span, weight = 50, 0.1, 3.0, 0.1 * 9.81
     inertia = 0.1 * length**2 / 12
     links = [Link("post"), *(Link(f"bar{k}", 0.1, (0.5 * length, 0.0, 0.0), (1e-7, 0.0, 0.0, inertia, 0.0, inertia))
@@ -321,7 +325,10 @@ def test_a_chain_of_fifty_links_hung_at_both_ends_hangs_as_a_catenary_and_swings
 
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
 def test_a_mass_on_a_rod_turns_on_without_gaining_speed(integrator):
-    """At 0.2 rad a step for 6 turns; the closest straight steps would gain or lose a fiftieth of the speed in each."""
+    """Check the speed of a mass that turns by 0.2 rad a step for 6 turns.
+
+    Moved along the tangent of either end of the step alone, it would gain or lose 2 % of its speed in each.
+    """
     slides = (
         Joint("x", "prismatic", "post", "cart", axis=(1.0, 0.0, 0.0)),
         Joint("z", "prismatic", "cart", "mass", axis=(0.0, 0.0, 1.0)),
@@ -340,7 +347,7 @@ def test_a_mass_on_a_rod_turns_on_without_gaining_speed(integrator):
 
 
 def test_a_run_that_comes_to_no_end_stays_at_its_last_state():
-    """A four-bar at its dead point stops error control; records after that repeat the last one."""
+    """Stop error control at the dead point of a four-bar linkage; all records after the end repeat the last state."""
     model = four_bar(0.5, 0.4, 0.6, 0.5)
     q = close_loops(model, [-1.2, 0.8, -1.0])
     scene = compile_scene(model, integrator="dop853")

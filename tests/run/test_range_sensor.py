@@ -34,7 +34,7 @@ AHEAD = [[1.0, 0.0, 0.0]]
 
 
 def wall(geometry, position=(2.0, 0.0, 0.0), orientation=(1.0, 0.0, 0.0, 0.0), ground=None):
-    """A scene of an arm and an obstacle, and a run of one tick."""
+    """Return a scene of an arm and an obstacle, and a run of one tick."""
     things = [Placed(load_robot("arm7"), "arm", (0.0, 0.0, 5.0))]
     obstacle = Placed(body(geometry, 1.0, base="fixed"), "wall", position, orientation)
     scene = compile_scene(SceneModel("room", things, [obstacle]), ground=ground)
@@ -48,7 +48,7 @@ def measured(geometry, sensor, **where):
 @pytest.mark.nojit
 @pytest.mark.parametrize("angle", [-1.2, -0.4, 0.0, 0.9])
 def test_a_wall_at_an_angle_is_as_far_as_trigonometry_has_it(angle):
-    """A wall 2 m ahead that is turned by the angle about the vertical; its thickness is 0.2 m."""
+    """Measure the distance of a wall of 0.2 m, 2 m ahead, which is turned by the angle about the vertical."""
     turned = (math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2))
     found = measured(Box((0.2, 8.0, 8.0)), RangeSensor("world", AHEAD), orientation=turned)
     assert found[0] == pytest.approx(2.0 - 0.1 / math.cos(angle), rel=1e-14)
@@ -71,7 +71,7 @@ def test_spheres_cylinders_and_capsules_are_met_where_their_equations_have_it():
 
 
 def test_a_far_ball_is_met_to_rounding():
-    """The discriminant of the usual quadratic would lose ten digits here."""
+    """Measure a ball of 1 mm at 100 km; the discriminant of the quadratic equation would lose ten digits."""
     found = measured(Sphere(1e-3), RangeSensor("world", AHEAD, position=(0.0, 6e-4, 0.0)), position=(1e5, 0.0, 0.0))
     assert found[0] == pytest.approx(1e5 - 8e-4, abs=2e-11)
 
@@ -134,7 +134,7 @@ def test_flat_hulls_end_at_their_edges_and_lines_are_not_met():
 
 
 def solids(rng, count, hulls):
-    """Random shapes at random places."""
+    """Yield random shapes with random positions and orientations."""
     makers = (
         lambda: Sphere(rng.uniform(0.1, 0.5)),
         lambda: Box(tuple(rng.uniform(0.1, 0.8, 3))),
@@ -147,8 +147,8 @@ def solids(rng, count, hulls):
         yield geometry, tuple(rng.uniform(-2, 2, 3)), tuple(turn / np.linalg.norm(turn))
 
 
-def in_mujoco(things, field=None):
-    """The same shapes as bodies of their own."""
+def in_mujoco(things):
+    """Build a MuJoCo model in which each shape is the only geom of a body."""
     spec = mujoco.MjSpec()
     kinds = mujoco.mjtGeom
     for k, (geometry, position, orientation) in enumerate(things):

@@ -16,6 +16,12 @@ FLAGS = mujoco.mjtDisableBit
 DISABLED = FLAGS.mjDSBL_CONTACT | FLAGS.mjDSBL_CONSTRAINT | FLAGS.mjDSBL_LIMIT | FLAGS.mjDSBL_FRICTIONLOSS
 
 
+def mujoco_model(path):
+    """Read a file; return the module mujoco, the robot and its data."""
+    m = mujoco.MjModel.from_xml_path(str(path))
+    return mujoco, m, mujoco.MjData(m)
+
+
 def urdf_text(model: Model) -> str:
     """The robot as URDF, every number to the last bit; no limits, no damping, no friction."""
     links = "".join(_link_text(link) for link in model.links)
