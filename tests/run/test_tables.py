@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scenes import arm_scene
 
+from featherstone_gait import Joint, Link, Loop, Model, compile_scene
 from featherstone_gait.run.simulate import initial_state, simulate
 
 
@@ -50,3 +51,14 @@ def test_a_data_set_has_named_axes_and_units(run):
     copper = found["energy"].sel(joint=joints[3], energy_1="copper")
     assert np.array_equal(copper, run.column("energy", "copper")[:, 3])
     assert found.attrs["status"] == run.status
+
+
+def test_a_table_names_the_rows_of_a_loop():
+    pytest.importorskip("pandas")
+    pytest.importorskip("xarray")
+    slide = Joint("slide", "prismatic", "frame", "weight", axis=(0.0, 0.0, 1.0))
+    pin = Loop("pin", "connect", "weight", "frame")
+    scene = compile_scene(Model("hung", (Link("frame"), Link("weight", 2.0)), (slide,), loops=(pin,)))
+    run = simulate(scene, 0.01, record=("loop_force",), estimate_error=False)
+    assert set(run.to_pandas()) == {f"loop_force.pin.{axis}" for axis in "xyz"}
+    assert run.to_xarray()["loop_force"].dims == ("time", "row")
