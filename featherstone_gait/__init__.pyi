@@ -32,7 +32,9 @@ from .dynamics.inverse_kinematics import close_loops as close_loops
 from .dynamics.inverse_kinematics import inverse_kinematics as inverse_kinematics
 from .dynamics.jacobians import center_of_mass_jacobian as center_of_mass_jacobian
 from .dynamics.jacobians import jacobian as jacobian
+from .dynamics.loops import IndependentCoordinates as IndependentCoordinates
 from .dynamics.loops import degrees_of_freedom as degrees_of_freedom
+from .dynamics.loops import independent_coordinates as independent_coordinates
 from .geometry.body import body as body
 from .geometry.contact_choice import contact_points as contact_points
 from .geometry.contact_choice import with_contacts as with_contacts

@@ -7,8 +7,9 @@ their friction forces, as long as each point sticks,
     tau = Q(p) - J' (N(p), f),    minimal |tau|^2 + |r f|^2  with the base's six components of tau zero,
 
 r = 1 cm.  Newton's method changes height and tilt alone; f and the rest of p follow by least squares.  Feet can squeeze
-the ground between them: of these solutions the one with the least joint torques and friction is taken.  The servo model
-is then inverted: torque to current to voltage to reference.
+the ground between them: of these solutions the one with the least joint torques and friction is taken.  So it is with
+loops: their forces are among f, and joints of such robots that have no motor have no torque.  The servo model is then
+inverted: torque to current to voltage to reference.
 """
 
 from __future__ import annotations
@@ -22,23 +23,33 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import instance, listed, texts, vector
 from ..base.brief import brief
+from ..base.fixed_order import product
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.actuator import controller_of, motor_of
 from ..core.effects.controller import PID_SPEED
 from ..core.effects.mipsd_servo import MipsdServo
 from ..core.effects.pd_servo import PDServo
-from ..dynamics import Poses, coupling_matrix, deepest_points, forward_dynamics, forward_kinematics, inverse_dynamics
+from ..dynamics import (
+    Poses,
+    coupling_matrix,
+    deepest_points,
+    forward_dynamics,
+    forward_kinematics,
+    inverse_dynamics,
+    loop_jacobian,
+)
+from ..dynamics.inverse_kinematics import close_loops
 from ..dynamics.jacobians import jacobian_at, link_index
-from ..model import Spring
+from ..model import Model, Spring
 from ..model.rest_posture import nearest_posture
 from ..run.overlap import overlaps
 from ..run.reference import Reference
 from ..run.simulate import simulate
-from ..run.start import check_no_balls, check_no_loops, check_scene, initial_state, placed_position
+from ..run.start import check_no_balls, check_scene, initial_state, placed_position
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body, ground_under
 from ..scene.forest import state_index
-from .linearization import Chart, chart_of
+from .chart import Chart, chart_of
 
 TrimStatus = Literal["ok", "tips", "slips", "touches", "too weak", "moves"]
 
@@ -122,7 +133,7 @@ def trim(
     """Find the equilibrium of a robot, or of several, at rest in a posture.
 
     The joints stay as they are in q, and so do the place and the heading of a floating base; its height and tilt are
-    solved for.
+    solved for.  Where loops hold it to the world it stays where it is, and they alone bear it.
 
     Parameters
     ----------
@@ -154,13 +165,12 @@ def trim(
     """
     check_scene(scene)
     check_no_balls(scene, "trim")
-    check_no_loops(scene, "trim")
     if scene.members:
         return _of_members(scene, q, contacts)
     model = scene.model
-    given = nearest_posture(model) if q is None else vector("q", q, model.nq)
+    given = close_loops(model, nearest_posture(model)) if q is None else vector("q", q, model.nq)
     at = initial_state(scene, given)[_places(scene)]  # checked, its quaternion of length 1
-    if model.base != "floating":
+    if model.base != "floating" or any(loop.b is None for loop in model.loops):
         return _held(scene, at, np.zeros((len(model.contacts) if scene.ground else 0, 3)), None)
     if scene.ground is None:
         raise ValueError(f"{model.name}: a floating base without ground falls; compile the scene with ground=Ground()")
@@ -300,7 +310,8 @@ def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np
     count = int(used.sum())
     f = np.zeros((count, 2))
     scale, loads = _scale(scene), _loads(scene, q[None])
-    reduced = coupling_matrix(model).matrix
+    reduced, none = coupling_matrix(model).matrix, _without_torque(scene)
+    loops = -product(loop_jacobian(model, q), reduced) if model.loops else np.zeros((0, reduced.shape[1]))
     for _ in range(PASSES):
         ways, loads = _nudged(scene, chart, q, loads, used)
         normal = np.where(used, stiffness * np.maximum(loads.depth, 0.0), 0.0)[:, used]
@@ -310,11 +321,11 @@ def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np
         total = total @ reduced
         by_pose = (total[1:4] - total[4:]).T / (2.0 * NUDGE)
         by_friction = -((J[0, :, 1:] * on[:, None, None]).reshape(-1, model.nv) @ reduced).T
-        columns = np.concatenate([by_pose, by_friction], axis=1)
-        columns = np.concatenate([columns, SQUEEZE * np.eye(3 + f.size)[3:]])
-        step = _least(columns, np.concatenate([total[0], SQUEEZE * f.ravel()]))
+        columns = np.concatenate([by_pose, by_friction, loops.T], axis=1)
+        columns = np.concatenate([columns, SQUEEZE * np.eye(3 + f.size, columns.shape[1])[3:]])
+        step = _least(columns, np.concatenate([total[0], SQUEEZE * f.ravel()]), none)
         left = float(np.abs(total[0, :6]).max())
-        f = f + step[3:].reshape(-1, 2)
+        f = f + step[3 : 3 + f.size].reshape(-1, 2)
         way = step[:3] / max(1.0, abs(step[0]) / LONGEST, np.abs(step[1:3]).max() * scale[1] / LARGEST)
         q = _posed(scene, chart, q, (ways.T @ way)[:, None])[0]
         if left <= BALANCED * weight and np.abs(way).max() < 1e-6:
@@ -377,16 +388,32 @@ def _posed(scene: CompiledScene, chart: Chart, q: np.ndarray, x: np.ndarray) -> 
     return chart.moved(y, x)[places].T.copy()
 
 
-def _least(columns: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Solve for x that makes the first six components of `force + columns x` zero if possible, and the others least."""
-    B, T = columns[:6], columns[6:]
+def _least(columns: np.ndarray, force: np.ndarray, zero: np.ndarray) -> np.ndarray:
+    """Solve for x that makes components `zero` of `force + columns x` zero if possible, and the others least."""
+    rest = np.delete(np.arange(len(force)), zero)
+    B, T = columns[zero], columns[rest]
     U, s, V = np.linalg.svd(B)
     rank = int((s > RANK * s.max(initial=0.0)).sum())
-    x = -V[:rank].T @ ((U[:, :rank].T @ force[:6]) / s[:rank])
+    x = -V[:rank].T @ ((U[:, :rank].T @ force[zero]) / s[:rank])
     Z = V[rank:].T
     if not Z.size:
         return x
-    return x - Z @ np.linalg.lstsq(T @ Z, force[6:] + T @ x, rcond=RANK)[0]
+    return x - Z @ np.linalg.lstsq(T @ Z, force[rest] + T @ x, rcond=RANK)[0]
+
+
+def _without_torque(scene: CompiledScene) -> np.ndarray:
+    """Return which independent coordinates nothing drives: a base's, and in robots with loops joints without motors."""
+    model, actuator = scene.model, scene.constants.actuator
+    base = model.nv - scene.tree.n
+    idle = np.repeat((True, False), (base, scene.tree.n))
+    if model.loops and actuator is not None:
+        idle[base:] = (actuator.pd.Kp if isinstance(actuator, PDServo) else motor_of(actuator).torque_constant) == 0.0
+    return np.flatnonzero(idle[_leaders(model)])
+
+
+def _leaders(model: Model) -> list[int]:
+    """Return which velocities are independent of couplings."""
+    return [int(np.flatnonzero(column == 1.0)[0]) for column in coupling_matrix(model).matrix.T]
 
 
 def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force: np.ndarray) -> Fault:
@@ -410,8 +437,12 @@ def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) 
     model, n, loads = scene.model, scene.tree.n, _loads(scene, q[None])
     carried = np.einsum("mi,mij->j", force, loads.J[0])
     torque, G = np.zeros(model.nv), coupling_matrix(model).matrix
-    leaders = [int(np.flatnonzero(column == 1.0)[0]) for column in G.T]  # rows of independent coordinates
+    leaders = _leaders(model)
     torque[leaders] = G.T @ (loads.force[0] - carried)
+    if model.loops:
+        loops = product(G.T, loop_jacobian(model, q).T)
+        torque[leaders] += loops @ _least(loops, torque[leaders], _without_torque(scene))
+        torque[np.abs(torque) <= ROUNDING * np.abs(loads.force[0]).max(initial=0.0)] = 0.0
     torque[: model.nv - n] = 0.0
     pulls = torque + carried + loads.springs[0]
     residual = forward_dynamics(model, q, np.zeros(model.nv), pulls, gravity=scene.gravity)

@@ -6,8 +6,7 @@ x are deviations from the given state, u those of references or torques, y those
 the period.  The matrices contain everything that a step does: servos with their ticks, friction, contact and its
 tangential deflection.
 
-A floating base's quaternion has one number too many: its deviation is a rotation vector r [rad] in body axes, to first
-order.  Of coupled joints only the leaders count.  Deviations are differences of whole runs, eight runs to a vector.
+Deviations are independent ones: see `chart.py`.  They are differences of whole runs, eight runs to a vector.
 Each column has central differences D(w) and D(w/2), whose errors fall with w^2:
 
     D = (4 D(w/2) - D(w)) / 3,    error <= |D(w/2) - D(w)| / 3 + rounding,
@@ -33,37 +32,29 @@ from numpy.typing import ArrayLike
 from ..base import deprecated
 from ..base.arguments import listed, one_of, vector, whole
 from ..base.brief import brief
-from ..base.fixed_order import total
 from ..core.compile.jit import direct
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.integrate.rollout import OK
 from ..core.step.signals import Signals
 from ..core.step.state import BY_NAME, IN_STATE, RECORDABLE
-from ..dynamics import coupling_matrix
 from ..run.compiled_run import CompiledRun, Vector, in_lanes, knots_in_lanes, lane_zeros
 from ..run.lane_engine import sampled
 from ..run.prepare import prepare, with_steps, with_tolerance
 from ..run.reference import Reference
-from ..run.start import check_no_loops, check_scene, initial_state
+from ..run.start import check_scene, initial_state
 from ..run.status import OF_CODE
 from ..run.trajectory import Trajectory
 from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
-from ..scene.contact import by_body
 from ..scene.friction import sticks
+from .chart import AnyChart, ClosedChart, beside, chart_of, coordinates_of, width_of
 
 INPUTS = ("reference", "torque", "voltage")
 KINDS = ("coordinates", "controlled")  # of channels that always count
 MEMORY = ("held", "derived")  # of those that count where the next state depends on them
-WHOLE = ("pair", "pair_feature")  # whole numbers of contact between bodies, which stay as they are
-BASE = {"base_q": ("x", "y", "z", "rx", "ry", "rz"), "base_qd": ("vx", "vy", "vz", "wx", "wy", "wz")}
+FIXED = ("pair", "pair_feature", "loop_closed", "loop_place")  # which contacts and loops there are stays as it is
 RTOL = 1e-12  # of an integrator with error control, whose errors differ from run to run
 
-# First width of a column: where nothing sticks, where joints stick, and on the ground, by how far it moves a point.
-SMOOTH, STICKING = 1e-4, 2e-6  # [rad, m, rad/s, m/s]
-OF_SINKING, LEVER = 0.04, 0.2  # [-], [m]
-OTHER = {"voltage": 100.0, "duty": 10.0, "bus_voltage": 100.0, "delayed": 100.0, "current": 10.0}  # [V, -, V, V, A]
-DEFLECTION = 1e-6  # first width of a contact's tangential deflection [m]
 FINER, ROUNDS = 8.0, 3  # ratio of the widths of one round to those of the next
 ENOUGH = 1e-7  # relative error of an entry at which no smaller width is tried ...
 KEPT = 2**17  # numbers of signals (1 MiB) up to which a workspace is left to later calls
@@ -135,7 +126,7 @@ class Linearization:
     change: np.ndarray
     period: float
     state: np.ndarray
-    chart: Chart = field(repr=False)
+    chart: AnyChart = field(repr=False)
 
     __repr__ = brief
 
@@ -165,6 +156,7 @@ def linearize(
     inputs: Sequence[str] | None = None,
     outputs: Iterable[str] = (),
     states: Iterable[str] | None = None,
+    independent: Sequence[str] = (),
     steps: int | None = None,
     rtol: float | None = None,
     threads: int | None = None,
@@ -189,6 +181,8 @@ def linearize(
         the next state depends on (integrals, last errors, accelerations of the midpoint rule).  Between bodies the
         points that touch stay the same; each bristle, `pair_deflection`, has three numbers in the axes of its second
         body, and along the normal of the contact the motion has a discontinuity.
+    independent
+        Joints of a robot with loops whose deviations are to be states, such as those with servos; the others follow.
     steps
         Number of steps.  None: a controller period, or one step of a scene without controllers.
     rtol
@@ -211,7 +205,11 @@ def linearize(
     >>> model.A[np.ix_(model.of("q"), model.of("qd"))]
     """
     check_scene(scene)
-    check_no_loops(scene, "linearize")
+    if scene.members and scene.model.loops:
+        raise ValueError(
+            f"{scene.model.name}: linearize knows loops of one robot alone; take that of a member, "
+            f"scene.member({scene.members[0].name!r}).scene"
+        )
     scene, tolerance, _ = with_tolerance(scene, RTOL if rtol is None and scene.adaptive else rtol, None)
     named = _inputs(scene, inputs)
     period = scene.tick_steps if scene.sampled else 1
@@ -231,7 +229,8 @@ def linearize(
     system = _System(compiled, state, *signals, named, threads)
     channels = _channels(system, states, named)
     held = ("voltage",) if "voltage" in named else ()
-    chart = chart_of(scene, tuple(channels), held)
+    at = scene, tuple(channels), held
+    chart = ClosedChart(*at, system.y, independent) if scene.model.loops else chart_of(*at)
     try:
         return _differences(system, chart, outputs, duration)
     finally:
@@ -261,159 +260,6 @@ def _signal(scene: CompiledScene, name: str, value: ArrayLike | Reference | None
     if value is None or isinstance(value, Reference):
         return value
     return Reference([0.0], vector(name, value, scene.tree.n, "one a joint, or a Reference")[None])
-
-
-# ------------------------------------------------------------------------------------------------ states as vectors
-
-
-class Chart:
-    """Map deviations to a state and back: which numbers of it they move, and which of them read a deviation."""
-
-    def __init__(self, scene: CompiledScene, channels: Sequence[str], held: Sequence[str] = ()) -> None:
-        """Chart the channels of the states; those in `held` move with them, but are no states."""
-        self.channels = (*channels, *held)
-        self.names: list[str] = []
-        self.widths: list[float] = []
-        turns: list[int] = []
-        reads: list[int] = []
-        moves: list[tuple[int, int, float]] = []  # number of the state, deviation, factor
-        self.states, sticky = 0, sticks(scene.constants.friction)
-        for name in self.channels:
-            for label, at, moved in _coordinates(scene, name):
-                k = len(self.names)
-                self.names.append(f"{name} {label}".strip())
-                self.widths.append(_width(scene, sticky, name, label))
-                reads.append(at)
-                moves.extend((number, k, factor) for number, factor in moved)
-                if not moved:
-                    turns.append(k)
-            if name in channels:
-                self.states = len(self.names)
-        self.turns = np.array(turns, dtype=int).reshape(-1, 3)  # deviations that turn each base and ball joint
-        self.quaternions = [at for name in self.channels for at in _quaternions(scene, name)]
-        self.reads = np.array(reads[: self.states], dtype=int)  # number of the state that is a deviation's
-        self._moves = [np.array(column) for column in zip(*moves)] if moves else [np.zeros(0, int)] * 3
-
-    def moved(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return states (size, k) at the deviations x (states, k) from y (size,)."""
-        Y = np.repeat(y[:, None], x.shape[1], axis=1)
-        numbers, columns, factors = self._moves
-        kept = columns < len(x)
-        Y[numbers[kept]] += factors[kept, None] * x[columns[kept]]
-        for at, turns in zip(self.quaternions, self.turns):
-            Y[at] = _turned(y[at], x[turns])
-        return Y
-
-    def move_each(self, Y: np.ndarray, y: np.ndarray, which: np.ndarray, steps: np.ndarray) -> None:
-        """Move the states Y (blocks, size, lanes), all of them y, each in one deviation, which (k,), by a step (k,)."""
-        numbers, columns, factors = self._moves
-        lanes = Y.shape[2]
-        move, run = _pairs(columns, which)
-        Y[run // lanes, numbers[move], run % lanes] += factors[move] * steps[run]
-        for at, turns in zip(self.quaternions, self.turns):
-            turn, run = _pairs(turns, which)
-            x = np.where(turn == np.arange(3)[:, None], steps[run], 0.0)
-            Y[run // lanes, at, run % lanes] = _turned(y[at], x).T
-
-    def difference(self, Y: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Return deviations (states, ...) of the states Y (size, ...) from y (size,)."""
-        X = Y[self.reads] - _beside(y[self.reads], Y)
-        for at, turns in zip(self.quaternions, self.turns):
-            turn = total(_after(y[at]).T.reshape(4, 4, *[1] * (Y.ndim - 1)) * Y[at], axis=1)  # the inverse of `_turned`
-            X[turns] = 2.0 * turn[1:] / turn[0]
-        return X
-
-
-def _pairs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find where numbers of a (k,) and of b (m,) are equal; return places in a and in b."""
-    return np.divmod(np.flatnonzero(a[:, None] == b), len(b))
-
-
-def _beside(y: np.ndarray, Y: np.ndarray) -> np.ndarray:
-    """Shape numbers (size,) so that they broadcast with arrays (size, ...)."""
-    return y.reshape(-1, *[1] * (Y.ndim - 1))
-
-
-def _quaternions(scene: CompiledScene, name: str) -> list[slice]:
-    """Return where in the state the quaternions of a channel stand, those of ball joints with the channel q."""
-    if name == "base_q":
-        first = scene.part(name)[0]
-        return [slice(first + 7 * b + 3, first + 7 * b + 7) for b in _free_bases(scene)]
-    first = scene.part("ball_q")[0]
-    return [slice(first + 4 * k, first + 4 * k + 4) for k in range(len(scene.model.balls))] if name == "q" else []
-
-
-@functools.lru_cache(maxsize=128)
-def chart_of(scene: CompiledScene, channels: tuple[str, ...], held: tuple[str, ...] = ()) -> Chart:
-    """Return the `Chart` of a scene's channels, one object for the same arguments."""
-    return Chart(scene, channels, held)
-
-
-def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[tuple[int, float]]]]:
-    """Return for each deviation of a channel its label, the number that reads it, and those that it moves with factors.
-
-    A rotation of the base or of a ball joint moves none: see `_turned`.
-    """
-    first, end = scene.part(name)
-    joints = scene.model.joint_names
-    if name == "ball_q":  # its deviations are turns, those of q
-        return []
-    if name in BASE and end > first:
-        turn, width = ((3, 4, 5), 7) if name == "base_q" else ((), 6)
-        places = [(b, first + width * b + k, k) for b in _free_bases(scene) for k in range(6)]
-        whose = [f"{member.name} " for member in scene.members] or [""]
-        return [(whose[b] + BASE[name][k], at, [] if k in turn else [(at, 1.0)]) for b, at, k in places]
-    if name in ("q", "qd", "qdd"):
-        G = coupling_matrix(scene.model).matrix[scene.model.nv - len(joints) :, scene.model.nv - len(joints) :]
-        leading = []
-        for column in G.T:
-            moved = [(first + int(k), float(column[k])) for k in np.flatnonzero(column)]
-            leader = next(number for number, factor in moved if factor == 1.0)
-            turns = name == "q" and scene.model.moving_joints[leader - first].type == "ball"
-            leading.append((joints[leader - first], leader, [] if turns else moved))
-        return leading
-    channel, width = BY_NAME[name], BY_NAME[name].width
-    labels: list[str] = [str(k) for k in range((end - first) // width)]
-    if len(labels) == len(joints) and channel.of != "point":
-        labels = list(joints)
-    if channel.of == "point":
-        order = by_body(scene.model, scene.tree)
-        labels = [f"{scene.model.contacts[k].link} {k}" for k in order]
-    if channel.of in ("run", "source"):
-        labels = [""] * len(labels)
-    parts = channel.labels if width > 1 else ("",)
-    found = [f"{label} {part}".strip() for label in labels for part in parts]
-    return [(label, first + k, [(first + k, 1.0)]) for k, label in enumerate(found)]
-
-
-def _free_bases(scene: CompiledScene) -> list[int]:
-    """Return which bases of the scene can move."""
-    if scene.members:
-        return [k for k, member in enumerate(scene.members) if member.scene.tree.floating]
-    return [0] if scene.tree.floating else []
-
-
-def _width(scene: CompiledScene, sticky: bool, name: str, label: str) -> float:
-    """Return the first width of a deviation, so small that joints go on to stick and contacts stay as they are."""
-    if name == "tangential_deflection":
-        return DEFLECTION
-    width = STICKING if sticky else SMOOTH
-    if scene.ground is not None:
-        slip = OF_SINKING * scene.ground.penetration
-        width = min(width, slip if label.rpartition(" ")[2] in ("x", "y", "z") else slip / LEVER)
-    return width * OTHER.get(name, 1.0)
-
-
-def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Rotate a unit quaternion w x y z by r (3, k) in body axes, r / 2 the tangent of half the angle; return (4, k)."""
-    new = quaternion[:, None] + total(_after(quaternion)[:, 1:, None] * (0.5 * turn), axis=1)
-    return new / np.sqrt(total(new * new, axis=0))
-
-
-def _after(quaternion: np.ndarray) -> np.ndarray:
-    """Return the matrix (4, 4) of a quaternion's product with others from the left; its transpose is the inverse."""
-    w, x, y, z = quaternion.tolist()
-    return np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
 
 
 # ------------------------------------------------------------------------------------------------ runs
@@ -555,7 +401,7 @@ def _ticks(system: _System) -> np.ndarray:
 def _possible(scene: CompiledScene, inputs: tuple[str, ...]) -> tuple[list[str], list[str]]:
     """Return channels that always count, and those that count if the next state depends on them."""
     there = [c for c in IN_STATE if c.name not in inputs and scene.part(c.name)[1] > scene.part(c.name)[0]]
-    memory = [c.name for c in there if c.kind in MEMORY and c.name not in WHOLE]
+    memory = [c.name for c in there if c.kind in MEMORY and c.name not in FIXED]
     return [c.name for c in there if c.kind in KINDS], memory
 
 
@@ -625,14 +471,14 @@ def _discontinuous(found: _Columns, least: np.ndarray) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=128)
-def _named(scene: CompiledScene, chart: Chart, signals: tuple[str, ...]) -> tuple[tuple[str, ...], np.ndarray]:
+def _named(scene: CompiledScene, chart: AnyChart, signals: tuple[str, ...]) -> tuple[tuple[str, ...], np.ndarray]:
     """Return the names of all columns and their first widths."""
     sticky = sticks(scene.constants.friction)
-    widths = [*chart.widths, *(_width(scene, sticky, name.split()[0], "") for name in signals)]
+    widths = [*chart.widths, *(width_of(scene, sticky, name.split()[0], "") for name in signals)]
     return (*chart.names, *signals), np.array(widths)
 
 
-def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period: float) -> Linearization:
+def _differences(system: _System, chart: AnyChart, outputs: tuple[str, ...], period: float) -> Linearization:
     """Compute all columns, each with widths as small as it takes."""
     scene = system.scene
     names, first = _named(scene, chart, tuple(system.signals))
@@ -663,7 +509,7 @@ def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period
     )  # fmt: skip
 
 
-def _columns(system: _System, chart: Chart, which: np.ndarray, widths: np.ndarray) -> tuple[_Columns, np.ndarray]:
+def _columns(system: _System, chart: AnyChart, which: np.ndarray, widths: np.ndarray) -> tuple[_Columns, np.ndarray]:
     """Compute columns with a width each; return them and the end state (size,) of the run that nothing moves."""
     k, read = len(which), system.compiled.channels
     steps = np.multiply.outer(MOVES, widths)
@@ -672,7 +518,7 @@ def _columns(system: _System, chart: Chart, which: np.ndarray, widths: np.ndarra
     system.run(states, signals)
     block, lane = divmod(4 * k, system.lanes)
     F, end = states.swapaxes(0, 1), states[block, :, lane].copy()
-    moved = np.concatenate([chart.difference(F, end), F[read] - _beside(end[read], F)])
+    moved = np.concatenate([chart.difference(F, end), F[read] - beside(end[read], F)])
     moved = moved.reshape(len(moved), -1)[:, : 4 * k].reshape(-1, 4, k)
     wide_right, wide_left, right, left = (moved / steps).transpose(1, 0, 2)
     wide, narrow = 0.5 * (wide_right + wide_left), 0.5 * (right + left)
@@ -693,7 +539,7 @@ def _columns(system: _System, chart: Chart, which: np.ndarray, widths: np.ndarra
 
 
 def _move(
-    chart: Chart, y: np.ndarray, states: np.ndarray, signals: np.ndarray, which: np.ndarray, steps: np.ndarray
+    chart: AnyChart, y: np.ndarray, states: np.ndarray, signals: np.ndarray, which: np.ndarray, steps: np.ndarray
 ) -> None:
     """Move states y (blocks, size, lanes) or their signals, each run in one column, which (k,), by a step (k,)."""
     chart.move_each(states, y, which, steps)
@@ -725,6 +571,6 @@ def _labels(scene: CompiledScene, outputs: tuple[str, ...], read: np.ndarray) ->
         elif name in ("q", "qd", "qdd"):
             labels = scene.model.joint_names
         else:
-            labels = tuple(label for label, _, _ in _coordinates(scene, name))
+            labels = tuple(label for label, _, _ in coordinates_of(scene, name))
         by_place.update({first + k: f"{name} {label}".strip() for k, label in enumerate(labels[: end - first])})
     return tuple(by_place[place] for place in read.tolist())

@@ -245,16 +245,6 @@ def check_no_balls(scene: CompiledScene, what: str) -> None:
         )
 
 
-def check_no_loops(scene: CompiledScene, what: str) -> None:
-    """Raise ValueError for a robot with loops, whose coordinates are not independent."""
-    if scene.model.loops:
-        names = ", ".join(loop.name for loop in scene.model.loops)
-        raise ValueError(
-            f"{scene.model.name}: {what} needs independent coordinates, and loops {names} tie some to others; take the "
-            "open tree, dataclasses.replace(model, loops=())"
-        )
-
-
 def check_quaternion(scene: CompiledScene, quaternion: np.ndarray, shortest: float, longest: float) -> None:
     """Raise ValueError for the quaternion (4,) of a floating base whose length is not within the bounds."""
     if scene.tree.floating:

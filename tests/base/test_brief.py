@@ -54,6 +54,7 @@ def of_results(scene: fg.CompiledScene) -> Iterator[Any]:
     yield fg.Linearization(*matrices, names, names[:m], names, (jump,) * 40, np.zeros(n), 0.01, np.zeros(400), None)
     yield fg.Trim(q, q[7:], np.zeros((8, 3)), q[7:], None, np.zeros(400), 1e-9, 0.0, "ok", "it leans " * 50)
     yield from (fg.forward_kinematics(robot, q), fg.coupling_matrix(robot), fg.energy(robot, q, np.zeros(m)))
+    yield fg.IndependentCoordinates(np.arange(m), np.zeros((n, m)), np.zeros(n))
     yield fg.energy(robot, np.tile(q, (300, 1)), np.zeros((300, m)))
     yield from (fg.IKResult(q, "ok", 1e-9, 7), fg.Target("left_foot", (0.0, 0.04, 0.0), rotation=np.eye(3)))
     yield from (fg.Wrench((0.0, 0.0, 1.0)), fg.Clearance(np.zeros(500), np.zeros((500, 2), int)))

@@ -25,7 +25,6 @@ from featherstone_gait import (
     initial_state,
     inverse_dynamics,
     inverse_kinematics,
-    linearize,
     load_robot,
     load_scene,
     loop_forces,
@@ -35,7 +34,6 @@ from featherstone_gait import (
     save_robot,
     save_scene,
     simulate,
-    trim,
 )
 from featherstone_gait.base.rotation import rotation_from_rpy, rpy_from_rotation
 from featherstone_gait.dynamics.algorithms import loop_measures
@@ -611,10 +609,6 @@ def test_scenes_that_cannot_keep_loops_closed_say_what_to_do():
     with pytest.raises(ValueError, match=r"four-bar: loops 'pin'.*alone.*replace\(model, loops=\(\)\)"):
         compile_scene([model, replace(model, name="other")])
     assert compile_scene(replace(model, loops=()), integrator="ars343").tree.n == 3
-    scene = compile_scene(model)
-    for refused in (linearize, trim):
-        with pytest.raises(ValueError, match=r"four-bar: .*independent.*pin.*replace\(model, loops=\(\)\)"):
-            refused(scene)
 
 
 def test_a_start_is_closed_or_refused_with_its_gap():

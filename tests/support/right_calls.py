@@ -177,6 +177,8 @@ def _dynamics() -> Iterator[Call]:
         yield Call("loop_forces", fg.loop_forces, moving | {"tau": v, "model": bound} | pushed)
         for name in ("loop_gaps", "loop_jacobian", "degrees_of_freedom"):
             yield Call(name, getattr(fg, name), {"model": bound, "q": q})
+        free = {"model": bound, "q": q, "qd": v, "independent": [model.joint_names[0]]}
+        yield Call("independent_coordinates", fg.independent_coordinates, free)
         strap = replace(model, tendons=(fg.Tendon("strap", (), (fg.Via(model.links[0].name), fg.Via(link))),))
         for name in ("tendon_lengths", "tendon_jacobian"):
             yield Call(name, getattr(fg, name), {"model": strap, "q": q})
