@@ -14,10 +14,12 @@ from typing import TypeAlias
 import numpy as np
 
 from ..base.fixed_order import applied, product, total
+from ..core.effects.actuator import motor_of
+from ..core.effects.pd_servo import PDServo
 from ..core.step.state import BY_NAME
 from ..dynamics import coupling_matrix
 from ..dynamics.algorithms import loop_measures
-from ..dynamics.loops import dependent_columns
+from ..dynamics.loops import eliminated, leaders_of
 from ..run.start import positions_in
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
@@ -102,17 +104,10 @@ class ClosedChart:
     """A `Chart` of a robot with loops: its deviations are independent, and the others follow so that loops stay closed.
 
     Dependent deviations of positions, velocities and accelerations are found by the chord method, with the inverse of
-    the loops' Jacobian at the state y (size,).  independent: joints whose deviations are among the independent ones.
+    the loops' Jacobian at the state y (size,).  Joints with motors are independent where they can be.
     """
 
-    def __init__(
-        self,
-        scene: CompiledScene,
-        channels: Sequence[str],
-        held: Sequence[str],
-        y: np.ndarray,
-        independent: Sequence[str],
-    ) -> None:
+    def __init__(self, scene: CompiledScene, channels: Sequence[str], held: Sequence[str], y: np.ndarray) -> None:
         moving = (*_POSITIONS, *_RATES, *_ACCELERATIONS)
         inner = (*moving, *(name for name in channels if name not in moving))
         self._scene, self._inner = scene, chart_of(scene, inner, tuple(held))
@@ -122,7 +117,7 @@ class ClosedChart:
         (gaps, J), self._residual = self._measured(y[:, None]), np.zeros((3, 1, int(self._rows.sum())))
         self._residual[2] = gaps[2]  # of accelerations that are those of the last step, or zero at the start
         A = product(J[0], coupling_matrix(scene.model).matrix)
-        dependent = dependent_columns(scene.model, A, None, independent)[0]
+        dependent = eliminated(A, np.zeros(len(A)), driven_columns(scene))[0]
         self._inverse = np.linalg.pinv(A[:, dependent])
         families = (np.flatnonzero(np.isin(name_of, one)) for one in (_POSITIONS, _RATES, _ACCELERATIONS))
         self._dependent = [family[dependent] for family in families]
@@ -176,6 +171,16 @@ class ClosedChart:
 
 
 AnyChart: TypeAlias = "Chart | ClosedChart"
+
+
+def driven_columns(scene: CompiledScene) -> np.ndarray:
+    """Return which independent coordinates (k,) have motors, or might have: those of a base, and all without servos."""
+    model, actuator = scene.model, scene.constants.actuator
+    driven = np.ones(model.nv, dtype=bool)
+    if actuator is not None:
+        strength = actuator.pd.Kp if isinstance(actuator, PDServo) else motor_of(actuator).torque_constant
+        driven[model.nv - scene.tree.n :] = strength > 0.0
+    return driven[leaders_of(model)]
 
 
 def _pairs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

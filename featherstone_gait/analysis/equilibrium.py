@@ -40,7 +40,8 @@ from ..dynamics import (
 )
 from ..dynamics.inverse_kinematics import close_loops
 from ..dynamics.jacobians import jacobian_at, link_index
-from ..model import Model, Spring
+from ..dynamics.loops import leaders_of
+from ..model import Spring
 from ..model.rest_posture import nearest_posture
 from ..run.overlap import overlaps
 from ..run.reference import Reference
@@ -49,7 +50,7 @@ from ..run.start import check_no_balls, check_scene, initial_state, placed_posit
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body, ground_under
 from ..scene.forest import state_index
-from .chart import Chart, chart_of
+from .chart import Chart, chart_of, driven_columns
 
 TrimStatus = Literal["ok", "tips", "slips", "touches", "too weak", "moves"]
 
@@ -310,7 +311,7 @@ def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np
     count = int(used.sum())
     f = np.zeros((count, 2))
     scale, loads = _scale(scene), _loads(scene, q[None])
-    reduced, none = coupling_matrix(model).matrix, _without_torque(scene)
+    reduced, none = coupling_matrix(model).matrix, _idle(scene)
     loops = -product(loop_jacobian(model, q), reduced) if model.loops else np.zeros((0, reduced.shape[1]))
     for _ in range(PASSES):
         ways, loads = _nudged(scene, chart, q, loads, used)
@@ -401,19 +402,11 @@ def _least(columns: np.ndarray, force: np.ndarray, zero: np.ndarray) -> np.ndarr
     return x - Z @ np.linalg.lstsq(T @ Z, force[rest] + T @ x, rcond=RANK)[0]
 
 
-def _without_torque(scene: CompiledScene) -> np.ndarray:
+def _idle(scene: CompiledScene) -> np.ndarray:
     """Return which independent coordinates nothing drives: a base's, and in robots with loops joints without motors."""
-    model, actuator = scene.model, scene.constants.actuator
-    base = model.nv - scene.tree.n
-    idle = np.repeat((True, False), (base, scene.tree.n))
-    if model.loops and actuator is not None:
-        idle[base:] = (actuator.pd.Kp if isinstance(actuator, PDServo) else motor_of(actuator).torque_constant) == 0.0
-    return np.flatnonzero(idle[_leaders(model)])
-
-
-def _leaders(model: Model) -> list[int]:
-    """Return which velocities are independent of couplings."""
-    return [int(np.flatnonzero(column == 1.0)[0]) for column in coupling_matrix(model).matrix.T]
+    driven = driven_columns(scene) if scene.model.loops else np.ones(len(leaders_of(scene.model)), dtype=bool)
+    driven[: scene.model.nv - scene.tree.n] = False
+    return np.flatnonzero(~driven)
 
 
 def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force: np.ndarray) -> Fault:
@@ -437,11 +430,11 @@ def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) 
     model, n, loads = scene.model, scene.tree.n, _loads(scene, q[None])
     carried = np.einsum("mi,mij->j", force, loads.J[0])
     torque, G = np.zeros(model.nv), coupling_matrix(model).matrix
-    leaders = _leaders(model)
+    leaders = leaders_of(model)
     torque[leaders] = G.T @ (loads.force[0] - carried)
     if model.loops:
         loops = product(G.T, loop_jacobian(model, q).T)
-        torque[leaders] += loops @ _least(loops, torque[leaders], _without_torque(scene))
+        torque[leaders] += loops @ _least(loops, torque[leaders], _idle(scene))
         torque[np.abs(torque) <= ROUNDING * np.abs(loads.force[0]).max(initial=0.0)] = 0.0
     torque[: model.nv - n] = 0.0
     pulls = torque + carried + loads.springs[0]

@@ -156,7 +156,6 @@ def linearize(
     inputs: Sequence[str] | None = None,
     outputs: Iterable[str] = (),
     states: Iterable[str] | None = None,
-    independent: Sequence[str] = (),
     steps: int | None = None,
     rtol: float | None = None,
     threads: int | None = None,
@@ -181,8 +180,6 @@ def linearize(
         the next state depends on (integrals, last errors, accelerations of the midpoint rule).  Between bodies the
         points that touch stay the same; each bristle, `pair_deflection`, has three numbers in the axes of its second
         body, and along the normal of the contact the motion has a discontinuity.
-    independent
-        Joints of a robot with loops whose deviations are to be states, such as those with servos; the others follow.
     steps
         Number of steps.  None: a controller period, or one step of a scene without controllers.
     rtol
@@ -230,7 +227,7 @@ def linearize(
     channels = _channels(system, states, named)
     held = ("voltage",) if "voltage" in named else ()
     at = scene, tuple(channels), held
-    chart = ClosedChart(*at, system.y, independent) if scene.model.loops else chart_of(*at)
+    chart = ClosedChart(*at, system.y) if scene.model.loops else chart_of(*at)
     try:
         return _differences(system, chart, outputs, duration)
     finally:

@@ -102,45 +102,32 @@ def independent_coordinates(
     q = finite(f"{check_model(model).name}: q", q, (model.nq,))
     qd = finite(f"{model.name}: qd", np.zeros(model.nv) if qd is None else qd, (model.nv,))
     G = coupling_matrix(model).matrix
-    leaders = _leaders(G)
-    if not model.loops or not len(leaders):
-        return IndependentCoordinates(leaders, G, np.zeros(model.nv))
-    measures, J = loop_measures(model, q, qd)
-    dependent, follows = dependent_columns(model, product(J[0], G), -measures[0, 2], independent)
-    kept = np.delete(np.arange(len(leaders)), dependent)
-    matrix = G[:, kept] + product(G[:, dependent], follows[:, kept])
-    return IndependentCoordinates(leaders[kept], matrix, applied(G[:, dependent], follows[:, -1]))
-
-
-def dependent_columns(
-    model: Model, A: np.ndarray, b: np.ndarray | None, independent: Sequence[str]
-) -> tuple[list[int], np.ndarray]:
-    """Choose dependent columns of A = J G, not those of the joints `independent`.
-
-    Returns them and a matrix (them, columns + 1) from 1 and all others, by A x = b: see `_eliminated`.  Raises
-    ValueError where `independent` depend on each other.
-    """
-    leaders = _leaders(coupling_matrix(model).matrix)
+    leaders = leaders_of(model)
     wanted = {name: model.qd_index(name) for name in texts("independent", independent)}
     for name, k in wanted.items():
         if k not in leaders:
             raise ValueError(f"{model.name}: independent: joint {name!r} mimics another; name that one")
-    dependent, follows = _eliminated(A, np.zeros(len(A)) if b is None else b, np.isin(leaders, [*wanted.values()]))
+    if not model.loops or not len(leaders):
+        return IndependentCoordinates(leaders, G, np.zeros(model.nv))
+    measures, J = loop_measures(model, q, qd)
+    dependent, follows = eliminated(product(J[0], G), -measures[0, 2], np.isin(leaders, [*wanted.values()]))
     lost = [name for name, k in wanted.items() if k in leaders[dependent]]
     if lost:
         raise ValueError(
             f"{model.name}: independent: velocities of {', '.join(map(repr, wanted))} depend on each other; "
             f"leave out {lost[0]!r}"
         )
-    return dependent, follows
+    kept = np.delete(np.arange(len(leaders)), dependent)
+    matrix = G[:, kept] + product(G[:, dependent], follows[:, kept])
+    return IndependentCoordinates(leaders[kept], matrix, applied(G[:, dependent], follows[:, -1]))
 
 
-def _leaders(G: np.ndarray) -> np.ndarray:
-    """Return which velocities are those of the columns of G (nv, m) of `coupling_matrix`."""
-    return np.array([np.flatnonzero(column == 1.0)[0] for column in G.T], dtype=int)
+def leaders_of(model: Model) -> np.ndarray:
+    """Return which velocities couplings leave independent (m,), those of the columns of `coupling_matrix`."""
+    return np.array([np.flatnonzero(column == 1.0)[0] for column in coupling_matrix(model).matrix.T], dtype=int)
 
 
-def _eliminated(A: np.ndarray, b: np.ndarray, last: np.ndarray) -> tuple[list[int], np.ndarray]:
+def eliminated(A: np.ndarray, b: np.ndarray, last: np.ndarray) -> tuple[list[int], np.ndarray]:
     """Solve A x = b for as many components of x as A has independent rows; columns `last` are pivots after all others.
 
     Returns these components and a matrix (them, columns + 1): they are it @ [x, 1] with x the other components.

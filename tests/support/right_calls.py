@@ -21,6 +21,7 @@ NO_CALLS = {
         "CompiledScene",
         "ContactHistory",
         "Coupling",
+        "IndependentCoordinates",
         "Poses",
         "IKResult",
         "OverlapWarning",
