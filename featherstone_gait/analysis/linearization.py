@@ -41,7 +41,7 @@ from ..run.compiled_run import CompiledRun, Vector, in_lanes, knots_in_lanes, la
 from ..run.lane_engine import sampled
 from ..run.prepare import prepare, with_steps, with_tolerance
 from ..run.reference import Reference
-from ..run.start import check_scene, initial_state
+from ..run.start import check_scene, initial_state, width_of
 from ..run.status import OF_CODE
 from ..run.trajectory import Trajectory
 from ..scene.channels import current_name
@@ -236,7 +236,7 @@ def linearize(
 
 def _inputs(scene: CompiledScene, inputs: Sequence[str] | None) -> tuple[str, ...]:
     """Return the kinds of inputs, checked against what the scene has."""
-    actuated = scene.constants.actuator is not None
+    actuated = scene.follows
     if inputs is None:
         return ("reference",) if actuated else ("torque",)
     named = tuple(listed("inputs", inputs, f"give some of {', '.join(INPUTS)}"))
@@ -256,7 +256,7 @@ def _inputs(scene: CompiledScene, inputs: Sequence[str] | None) -> tuple[str, ..
 def _signal(scene: CompiledScene, name: str, value: ArrayLike | Reference | None) -> Reference | None:
     if value is None or isinstance(value, Reference):
         return value
-    return Reference([0.0], vector(name, value, scene.tree.n, "one a joint, or a Reference")[None])
+    return Reference([0.0], vector(name, value, width_of(scene, value), "one a joint, or a Reference")[None])
 
 
 # ------------------------------------------------------------------------------------------------ runs
@@ -279,14 +279,18 @@ class _System:
         self.start = compiled.start(initial_state(self.scene) if state is None else state, reference, tau)
         self.schedule = compiled.schedule(self.start.y)
         self.y = self.start.y.copy()
-        joints = self.scene.model.joint_names
-        self.signals = [f"{name} {joint}" for name in inputs if name != "voltage" for joint in joints]
+        self.signals = [f"{name} {one}" for name in inputs if name != "voltage" for one in self.names(name)]
         self._maps: list[_Map] = []  # one for each thread
         self._spare = _spare(self.scene, inputs, tau is not None)
         o = self.scene.layout
         self.y[o["end_time"]] = max(self.y[o["end_time"]], self.scene.timestep)  # it goes on: no first step
         if self.y[o["status"]] != OK:
             raise ValueError(f"{self.scene.model.name}: state: that run has ended; give the state of a sound one")
+
+    def names(self, signal: str) -> list[str]:
+        """Return what the columns of a signal act on: joints, then driven tendons; sampled servos see joints alone."""
+        tendons = () if signal == "reference" and self.scene.sampled else self.scene.driven_tendons
+        return [*self.scene.model.joint_names, *(one.name for one in tendons)]
 
     def beginnings(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Return states (blocks, size, lanes) of so many runs, and moves of signals (blocks, signals, lanes)."""
@@ -346,13 +350,15 @@ class _Map:
             own = {"plan": system.schedule, "channels": compiled.channels, "stop": compiled.stop}
             vector.run = vector.run._replace(signals=_signals(system, vector.run.signals), **own)
             vector.compiled, vector.out = compiled, lane_zeros((compiled.samples, max(len(compiled.channels), 1)))
-        self.vector, n, signals = vector, system.scene.tree.n, vector.run.signals
+        self.vector, first, signals = vector, 0, vector.run.signals
         self._moved: list[tuple[np.ndarray, np.ndarray, slice]] = []  # what kernels read, as it is, what moves it
-        for k, name in enumerate(name for name in system.inputs if name != "voltage"):
+        for name in (name for name in system.inputs if name != "voltage"):
             knots = signals.torques if name == "torque" else signals.reference
             read = signals.samples if knots is None else knots.cubics
-            values = read[:, :, 0].reshape(len(read), n, system.lanes)
-            self._moved.append((values, values.copy(), slice(k * n, (k + 1) * n)))
+            n = len(system.names(name))
+            values = read[:, :, 0].reshape(len(read), -1, system.lanes)[:, :n]
+            self._moved.append((values, values.copy(), slice(first, first + n)))
+            first += n
 
     def __call__(self, states: np.ndarray, moves: np.ndarray) -> None:
         for values, own, which in self._moved:

@@ -79,7 +79,7 @@ class Model:
     loops : tuple of Loop
         Constraints that close loops of the tree.
     tendons : tuple of Tendon
-        Springs, dampers and limits along lengths that several joints make.
+        Springs, dampers, limits and drives along lengths that several joints make.
 
     Raises
     ------

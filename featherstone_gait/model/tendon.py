@@ -1,4 +1,4 @@
-"""Tendons: lengths that joints or points of links make, with springs, dampers and limits along them."""
+"""Tendons: lengths that joints or points of links make, with springs, dampers, limits and drives along them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..base.brief import brief
 from ..base.flaws import quoted
 from .checks import LARGEST, check, freeze, name_flaws, quantity, quantity_flaws, refuse, vector_flaws
 from .links import Joint, Link, Spring, Vector
+from .servo import TORQUE_LAWS, Controller
 
 Moment: TypeAlias = tuple[str, float]
 
@@ -46,7 +47,7 @@ class Via:
 
 @dataclass(frozen=True)
 class Tendon:
-    """A tendon, whose length depends on several joints, with a spring, a damper and limits along it.
+    """A tendon, whose length depends on several joints, with a spring, a damper, limits and a drive along it.
 
     The length is the sum of joint positions times coefficients (a fixed tendon), or of the distances of points that
     follow each other (a spatial one).  A force f along it, positive where it lengthens, turns each joint with the
@@ -68,6 +69,11 @@ class Tendon:
         Length at which the spring is slack, or the two ends of a range in which it is [m or rad].
     lower, upper : float
         Limits of the length [m or rad], with stops like those of joints.
+    controller : Controller, optional
+        Torque law ("pd" or "pd_clamped") of a drive that pulls along the tendon, with the length l in place of an
+        angle: f = Kp (reference - l) - Kd dl/dt, within `torque_limit` [N or N m].  The columns of `reference` and
+        `tau` in `simulate` are the joints, then the tendons that have a controller.  With gains of zero it is a motor,
+        whose force is what `tau` says.
 
     Raises
     ------
@@ -83,6 +89,7 @@ class Tendon:
     rest: float | tuple[float, float] = (0.0, 0.0)
     lower: float = -math.inf
     upper: float = math.inf
+    controller: Controller | None = None
 
     __repr__ = brief
 
@@ -103,8 +110,13 @@ class Tendon:
 
     @property
     def acts(self) -> bool:
-        """Return whether the tendon has a spring, a damper or a limit."""
-        return self.stiffness > 0 or self.damping > 0 or self.limited
+        """Return whether the tendon has a spring, a damper, a limit or a drive."""
+        return self.stiffness > 0 or self.damping > 0 or self.limited or self.driven
+
+    @property
+    def driven(self) -> bool:
+        """Return whether the tendon has a drive."""
+        return self.controller is not None
 
     @property
     def limited(self) -> bool:
@@ -130,6 +142,17 @@ class Tendon:
             yield f"{what}: limits lower {shown(self.lower)}, upper {shown(self.upper)}; expected numbers: correct them"
         elif not self.lower < self.upper or self.lower == math.inf or self.upper == -math.inf:
             yield f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: correct them"
+        if self.controller is not None:
+            yield from self._controller_flaws(what)
+
+    def _controller_flaws(self, what: str) -> Iterator[str]:
+        law = self.controller
+        if not isinstance(law, Controller):
+            yield f"{what}: controller is {shown(law)}; expected a Controller: give Controller('pd', Kp, Kd=Kd)"
+        elif law.law not in TORQUE_LAWS:
+            yield f"{what}: its controller has the law {law.law!r}; expected one of {quoted(TORQUE_LAWS)}: use one"
+        elif law.wrap:
+            yield f"{what}: its controller has wrap=True, and a length is no angle that turns: leave wrap out"
 
     def _joint_flaws(self, what: str) -> Iterator[str]:
         for one in self.joints:

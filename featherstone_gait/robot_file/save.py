@@ -11,7 +11,7 @@ from typing import Any
 
 from ..base.arguments import instance
 from ..base.files import complete_together
-from ..model import Ground, HeightField, Joint, Link, Model
+from ..model import Controller, Ground, HeightField, Joint, Link, Model, Tendon
 from ..model.degrees import ball_name, is_first
 from ..model.links import COMPOSITE
 from ..model.shapes import Hull, Mesh, Shape
@@ -163,11 +163,17 @@ def _toml_text(model: Model) -> str:
     for loop in model.loops:
         lines += ["", "[[loops]]", *_assignments(asdict(loop))]
     for tendon in model.tendons:
-        stated = {f.name: getattr(tendon, f.name) for f in fields(tendon) if getattr(tendon, f.name) != f.default}
+        stated = _stated(tendon)
         points = {"path": tuple(asdict(via) for via in tendon.path)} if tendon.path else {}
-        lines += ["", "[[tendons]]", *_assignments(stated | points)]
+        law = {} if tendon.controller is None else {"controller": _stated(tendon.controller)}
+        lines += ["", "[[tendons]]", *_assignments(stated | points | law)]
     excluded = [f"excluded = {written(model.excluded)}"] if model.excluded else []
     return "\n".join([f"base = {written(model.base)}", "contacts = [", *contacts, "]", *excluded, *lines, ""])
+
+
+def _stated(part: Tendon | Controller) -> dict[str, Any]:
+    """Return the fields that differ from their defaults, and those that have none."""
+    return {f.name: getattr(part, f.name) for f in fields(part) if getattr(part, f.name) != f.default}
 
 
 def _own(joint: Joint) -> dict[str, float]:

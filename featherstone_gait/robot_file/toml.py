@@ -15,7 +15,7 @@ from typing import Any
 
 from ..base.arguments import is_real, shown
 from ..base.flaws import Flaw, FlawError
-from ..model import Via
+from ..model import Controller, Via
 from ..model.checks import check, field_flaws
 from .source import read_bytes
 from .toml_lines import with_lines
@@ -168,6 +168,15 @@ def path(table: Mapping[str, Any], key: str, what: str) -> tuple[Via, ...]:
     return tuple(record(Via, one, f"{what}: {key}[{k}]") for k, one in enumerate(rows))
 
 
+def controller(table: Mapping[str, Any], key: str, what: str) -> Controller:
+    """Return the controller under a key; raise ValueError for anything else."""
+    row = table.get(key)
+    with at(table, key):
+        if not isinstance(row, dict):
+            raise ValueError(f"{what}: {key} is {shown(row)}; expected a table: write {{law = 'pd', Kp = 10.0}}")
+    return record(Controller, row, f"{what}: {key}")
+
+
 def span(table: Mapping[str, Any], key: str, what: str) -> float | tuple[float, ...]:
     """Return the number or the two numbers under a key; raise ValueError for anything else."""
     value = table.get(key)
@@ -188,6 +197,8 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "str | None": string,
     "tuple[Moment, ...]": moments,
     "tuple[Via, ...]": path,
+    "Controller | None": controller,
+    "Law": string,
     "float | tuple[float, float]": span,
 }
 

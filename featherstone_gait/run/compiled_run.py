@@ -37,7 +37,7 @@ from .lane_constants import has_varying, merge, structure, with_own_memory, writ
 from .overlap import tell_overlaps
 from .program import CompiledController
 from .reference import LATEST, Reference
-from .start import checked_state, initial_state, what_is_loose_at, with_first_error
+from .start import checked_state, driven_lengths, initial_state, what_is_loose_at, width_of, with_first_error
 from .trajectory import Trajectory
 
 Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
@@ -104,12 +104,12 @@ class CompiledRun:
         if loose is not None:
             raise ValueError(f"{scene.model.name}: {loose}, or start in another posture: state=initial_state(scene, q)")
         tell_overlaps(scene, y)
-        follows = scene.constants.actuator is not None or self.torques_written
+        follows = scene.follows or self.torques_written
         if reference is not None and not follows:
             remedy = "compile the scene with gearbox=..., or give torques as tau="
             raise ValueError(f"{scene.model.name}: a reference needs servos; {remedy}")
         if reference is None and follows:
-            reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
+            reference = Reference([0.0], np.append(y[o["q"] : o["q"] + n], driven_lengths(scene, y))[None])
         if reference is not None and not isinstance(reference, Reference):
             raise ValueError(f"reference is a {type(reference).__name__}; give Reference(times, values)")
         if tau is not None and self.torques_written:
@@ -121,23 +121,30 @@ class CompiledRun:
                 f"{scene.integrator} takes its torques from the servos alone; use implicit_euler for scenes with tau"
             )
         if tau is not None and not isinstance(tau, Reference):
-            tau = Reference([0.0], vector("tau", tau, n, "[N m or N], or a Reference")[None])
-        knots = self._knots("reference", reference)
-        torques = self.held_torques(np.zeros) if self.torques_written else self._knots("tau", tau)
+            tau = Reference([0.0], vector("tau", tau, width_of(scene, tau), "[N m or N], or a Reference")[None])
+        lengths = driven_lengths(scene, y)
+        knots = self._knots("reference", reference, lengths)
+        torques = self.held_torques(np.zeros) if self.torques_written else self._knots("tau", tau, 0.0 * lengths)
         return RunInput(with_first_error(scene, y, knots), knots, torques, self._noise(noise), self)
 
-    def _knots(self, what: str, signal: Reference | None) -> Knots | None:
+    def _knots(self, what: str, signal: Reference | None, of_tendons: np.ndarray) -> Knots | None:
         """Return a signal as the kernels read it; ValueError for one that does not fit.
 
-        A cyclic signal that steps see at each knot might have so many that the run takes days.
+        of_tendons: what the drives of tendons are given where the signal is one for the joints alone.  A cyclic signal
+        that steps see at each knot might have so many that the run takes days.
         """
         if signal is None:
             return None
         scene, n = self.scene, self.scene.tree.n
-        if signal.values.shape[1] != n:
+        if signal.values.shape[1] == n < scene.inputs:
+            values = np.hstack([signal.values, np.broadcast_to(of_tendons, (len(signal.values), len(of_tendons)))])
+            signal = replace(signal, values=values)
+        if signal.values.shape[1] != scene.inputs:
+            drives = [one.name for one in scene.driven_tendons]
+            tendons = f", and {len(drives)} driven tendons: {', '.join(drives)}" if drives else ""
             raise ValueError(
                 f"{scene.model.name}: {what} has {signal.values.shape[1]} columns; the robot has {n} joints: "
-                f"{', '.join(scene.model.joint_names)}"
+                f"{', '.join(scene.model.joint_names)}{tendons}"
             )
         period, duration = float(signal.times[-1] - signal.times[0]), self.plan.steps * self.plan.h
         seen = scene.adaptive or what == "tau" or not scene.sampled
@@ -155,7 +162,7 @@ class CompiledRun:
 
     def held_torques(self, zeros: Zeros) -> Knots:
         """Return the signal of torques that stand until they are written again; zeros(shape) makes its array."""
-        return Knots(np.array([-LATEST, LATEST]), zeros((1, self.scene.tree.n, 4)), 0.0)
+        return Knots(np.array([-LATEST, LATEST]), zeros((1, self.scene.inputs, 4)), 0.0)
 
     def _noise(self, noise: ArrayLike | None) -> np.ndarray | None:
         if noise is None:
@@ -252,9 +259,9 @@ class CompiledRun:
 
     def signals(self, reference: Knots | None, torques: Knots | None, zeros: Zeros) -> Signals:
         """Return what comes from outside; zeros(shape) makes the arrays for its present values."""
-        n = self.scene.tree.n
+        n = self.scene.inputs
         values, tau = (None, None) if torques is None else (zeros((n, 2)), zeros(n))
-        continuous = True if self.scene.constants.actuator is not None and not self.scene.sampled else None
+        continuous = True if self.scene.follows and not self.scene.sampled else None
         return Signals(reference, zeros((n, 2)), torques, values, tau, None, None, continuous)
 
     def bind(self, signals: Signals, zeros: Zeros) -> Run:
@@ -262,6 +269,7 @@ class CompiledRun:
         scene, constants, plan = self.scene, self.scene.constants, self.plan
         sizes = Sizes(
             n=scene.tree.n,
+            inputs=scene.inputs,
             bodies=len(constants.tree),
             bases=scene.tree.bases,
             balls=0 if scene.tree.balls is None else len(scene.tree.balls),

@@ -112,7 +112,7 @@ def edges_on_steps(
     Sampled controllers see their reference at ticks: it does not count.
     """
     times, periods = [np.array([push.start, push.end]) for push in pushes], []
-    followed = scene.constants.actuator is not None and not scene.sampled
+    followed = scene.follows and not scene.sampled
     for signal in (torques, reference if followed else None):
         if isinstance(signal, Reference) and (signal.values != signal.values[0]).any():
             times.append(signal.times)

@@ -54,8 +54,8 @@ class Group:
         self._noise = zeros((count, 1, n, 2)) if noisy else None
         self.noise = None if self._noise is None else _by_lane(self._with_lanes(self._noise)[:, 0])
         self._samples = scene.sampled and lanes > 1  # what a command is to the kernels, else knots
-        self._input = zeros((count, 1, n, 2 if self._samples else 4))
-        self.command = _by_lane(self._with_lanes(self._input)[:, 0, :, 0])  # a view (vectors, lanes, joints)
+        self._input = zeros((count, 1, scene.commanded, 2 if self._samples else 4))
+        self.command = _by_lane(self._with_lanes(self._input)[:, 0, :, 0])  # a view (vectors, lanes, commands)
         self.timed = scene.adaptive or scene.constants.push is not None
         self.begun, self.steps, self.offset = (np.zeros(self.shape) for _ in range(3))  # see `Plan`, of first and steps
         self.status, self.end = self.y[:, o["status"]], self.y[:, o["end_time"]]  # views
@@ -70,14 +70,14 @@ class Group:
         compiled = self.compiled if self.lanes > 1 else self.runs[self.of[k]]
         held, zeros = Knots(np.array([-LATEST, LATEST]), self._input[k], 0.0), zeros_for(self.lanes)
         if self._samples:
-            drive = zeros((compiled.scene.tree.n, 2))
+            drive = zeros((compiled.scene.inputs, 2))
             signals = Signals(None, drive, None, None, None, self._input[k], None, None)
         else:
             if compiled.torques_written:
                 signals = compiled.signals(held, compiled.held_torques(zeros), zeros)
             else:
-                servos = compiled.scene.constants.actuator is not None
-                signals = compiled.signals(held if servos else None, None if servos else held, zeros)
+                follows = compiled.scene.follows
+                signals = compiled.signals(held if follows else None, None if follows else held, zeros)
         if self._noise is not None:
             signals = signals._replace(noise=self._noise[k])
         vector = Vector(compiled, signals, self.lanes, self._y[k], self._out[k])

@@ -101,7 +101,7 @@ def run_lanes(
     longest, used, there = segment_steps(plan), 0, 0
     all_records = lane_zeros((longest // plan.per_sample + 1, max(width, 1)))
     all_ticks = lane_zeros((-(-longest // plan.per_tick), n, 2))
-    drive = lane_zeros((n, 2))
+    drive = lane_zeros((compiled.scene.inputs, 2))
     vector = Vector(compiled, Signals(None, drive, None, None, None, None, None, None), out=all_records)
     lanes: list[_Occupant | None] = [None] * WIDTH
     while _fill(lanes, source, begin, vector):

@@ -44,7 +44,7 @@ from .prepare import coordinates, each_once, most_ticks, prepare, steps_between_
 from .program import CompiledController, open_loop, with_ticks
 from .range_sensor import RangeSensor
 from .reference import Reference
-from .start import check_scene
+from .start import check_scene, driven_lengths
 from .status import Status
 from .switch import WITHIN, switch_loop
 from .trajectory import Trajectory, of_second_run
@@ -181,7 +181,7 @@ class Session:
         lags = np.array([run.scene.lag for run in self._runs])
         self._lags = np.maximum(np.ceil((lags - EVENT_MARGIN) / self.tick), 0).astype(int)  # in ticks
         self._one_lag = int(self._lags[0]) if (self._lags == self._lags[0]).all() else None
-        self._issued = np.zeros((int(self._lags.max()) + 1, self.n, self.scene.tree.n))  # commands of the last ticks
+        self._issued = np.zeros((int(self._lags.max()) + 1, self.n, self.scene.commanded))  # commands of the last ticks
         self._ticks, self._robots = 0, np.arange(self.n)
         self._fresh = np.zeros(self.n, bool)  # robots without a command since their start
         self._any_fresh, self._inaccurate = False, np.zeros(self.n, bool)
@@ -395,18 +395,19 @@ class Session:
             raise stops[0]
 
     def _checked(self, action: ArrayLike) -> np.ndarray:
-        """Return the action of each robot (n, joints)."""
+        """Return the action of each robot (n, joints), with those of driven tendons after the joints'."""
         values = floats("action", action)
-        shape = (self.n, self.scene.tree.n)
+        shape = (self.n, self.scene.commanded)
+        names = [*self.scene.model.joint_names, *(one.name for one in self.scene.driven_tendons)][: shape[1]]
         if values.shape != shape:
             if values.shape != shape[1:]:
-                joints = ", ".join(self.scene.model.joint_names)
-                raise ValueError(f"action has the shape {values.shape}; give {shape} or {shape[1:]}, of {joints}")
+                each = ", ".join(names)
+                raise ValueError(f"action has the shape {values.shape}; give {shape} or {shape[1:]}, of {each}")
             values = np.broadcast_to(values, shape)
         size = float(np.abs(values).max(initial=0.0))
         if not size <= 1e50:
             robot, joint = np.argwhere(~(np.abs(values) <= 1e50))[0].tolist()
-            name = self.scene.model.joint_names[joint]
+            name = names[joint]
             raise ValueError(f"action of robot {robot}, joint {name}, is {values[robot, joint]}; give numbers to 1e50")
         if self.action == "pwm" and size > 1.0:
             raise ValueError(f"action has a duty cycle of {size:g}; they are from -1 to 1: divide by the supply")
@@ -419,7 +420,10 @@ class Session:
             command = self._issued[self._ticks % depth].copy()
             if self.action == "reference":
                 first, end = self.scene.part("q")
-                command[fresh] = self.state[fresh, first:end]
+                command[fresh, : end - first] = self.state[fresh, first:end]
+                if self.scene.commanded > end - first:
+                    lengths = [driven_lengths(self.scene, y) for y in self.state[fresh]]
+                    command[fresh, end - first :] = np.reshape(lengths, (-1, self.scene.commanded - (end - first)))
             else:
                 command[fresh] = 0.0
         self._issued[:, fresh] = command[fresh]
@@ -683,7 +687,7 @@ def _names(value: Any, what: str = "observe") -> list[str]:
 
 def _action(scene: CompiledScene, action: Any, controller: CompiledController | None) -> Action:
     """Return what the robots are given; ValueError for what the scene has no input for."""
-    name, driven = scene.model.name, scene.constants.actuator is not None
+    name, driven = scene.model.name, scene.follows
     if getattr(controller, "writes", None) == "torque" and action in (None, "reference"):
         return "reference"
     if action is None:

@@ -85,9 +85,11 @@ def simulate(
         Time goes on too: references, torques and pushes are functions of the time since the first start
         (``reset_time(scene, state)`` sets it to zero).  None: `initial_state(scene)`.
     reference
-        Joint positions for servos or controller over time [rad or m].  None: they are to hold the positions in `state`.
+        Joint positions for servos or controller over time [rad or m], then the lengths for drives of tendons, in the
+        order of `Model.tendons`, which may be left out.  None: they are to hold the positions in `state`.
     tau
-        Torques on the joints from outside, constant (joints,) or a `Reference` [N m or N].
+        Torques on the joints from outside, constant (joints,) or a `Reference` [N m or N]; after them the forces along
+        tendons that have a drive, which may be left out.
     pushes
         External forces.
     record

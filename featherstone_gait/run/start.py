@@ -21,7 +21,7 @@ from ..core.step import pace
 from ..core.step.signals import Knots
 from ..core.tree.loop import PLACE
 from ..dynamics import forward_kinematics, loop_gaps
-from ..dynamics.algorithms import loop_measures
+from ..dynamics.algorithms import lengths_of, loop_measures
 from ..dynamics.inverse_kinematics import close_loops, is_flipped
 from ..model import Model
 from ..model.composite import TOLERANCE
@@ -366,6 +366,21 @@ def positions_in(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
     """Return the positions q (nq,) in a state (length,) of one robot."""
     base_q, ball_q, joints = (y[slice(*scene.part(name))] for name in ("base_q", "ball_q", "q"))
     return np.concatenate([base_q, with_quaternions(scene.model, joints, ball_q)])
+
+
+def driven_lengths(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
+    """Return the lengths of the tendons that have a drive, in a state (length,) [m or rad]."""
+    if not scene.driven_tendons:
+        return np.zeros(0)
+    if not scene.members:
+        return lengths_of(scene.model, positions_in(scene, y), scene.driven_tendons)
+    each = (driven_lengths(one.scene, scene.state_of(one.name, y)) for one in scene.members)
+    return np.concatenate(list(each))
+
+
+def width_of(scene: CompiledScene, signal: ArrayLike) -> int:
+    """Return how many numbers a constant signal is to have: those of the joints, or of driven tendons too."""
+    return scene.tree.n if np.size(signal) == scene.tree.n else scene.inputs
 
 
 def _sizes(parts: dict[str, tuple[int, int]]) -> str:

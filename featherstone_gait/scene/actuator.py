@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..core.effects.motor import MOTOR
 from ..core.effects.pd_servo import PD, PDServo
 from ..core.effects.rigid_servo import RigidServo
 from ..core.integrate.integrator import Integrator
-from ..model import TORQUE_LAWS, Model, Servo
+from ..model import TORQUE_LAWS, Controller, Model, Servo
 from .gearbox_kinds import GEARBOX_KINDS, GearboxKind
 from .records import fill, filled, records
 from .tree import joint_armature
@@ -109,7 +110,7 @@ def _actuator(model: Model, servos: list[Servo | None], kind: GearboxKind, conti
     if continuous and kind == "mipsd":
         raise ValueError(f"{model.name}: a pd servo has no motor to drive a spring-damper gearbox; use gearbox='rotor'")
     if continuous:
-        return PDServo(_pds(servos), wraps(model, servos))
+        return PDServo(pd_laws([servo and servo.controller for servo in servos]), wraps(model, servos))
     if kind == "mipsd":
         return MipsdServo(_motors(servos), _controllers(servos), _gears(model, servos))
     return RigidServo(_motors(servos), _controllers(servos))
@@ -132,7 +133,7 @@ def passive(kind: type[Actuator], count: int) -> Actuator:
     """Return so many joints without servos, in a scene whose servos are of this kind."""
     none: list[Servo | None] = [None] * count
     if issubclass(kind, PDServo):
-        return PDServo(_pds(none), None)
+        return PDServo(pd_laws([None] * count), None)
     if issubclass(kind, MipsdServo):
         return MipsdServo(_motors(none), _controllers(none), _no_gears(count))
     return RigidServo(_motors(none), _controllers(none))
@@ -163,9 +164,10 @@ def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
     return table
 
 
-def _pds(servos: list[Servo | None]) -> np.recarray:
-    table = filled(PD, [(servo.controller,) if servo else None for servo in servos])
-    table.free_damping = [servo is not None and servo.controller.law == "pd" for servo in servos]
+def pd_laws(laws: Sequence[Controller | None], dtype: np.dtype = PD) -> np.recarray:
+    """Return the records of torque laws."""
+    table = filled(dtype, [(law,) if law else None for law in laws])
+    table.free_damping = [law is not None and law.law == "pd" for law in laws]
     table.torque_limit = np.minimum(table.torque_limit, 1e300)
     return table
 

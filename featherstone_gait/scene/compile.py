@@ -22,7 +22,7 @@ from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.closure import Loops
 from ..core.step.context import Scene
-from ..model import Controller, Ground, Model, Spring
+from ..model import Controller, Ground, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, pair_contact
 from ..model.placed import Placed, SceneModel
 from ..model.tendon import spring_tendon
@@ -231,6 +231,26 @@ class CompiledScene:
         """Return whether the servos have sampled controllers."""
         return self.constants.decay is not None
 
+    @property
+    def driven_tendons(self) -> tuple[Tendon, ...]:
+        """Tendons that have a drive; the columns of references and torques are those of the joints, then theirs."""
+        return tuple(one for one in self.model.tendons if one.driven)
+
+    @property
+    def inputs(self) -> int:
+        """Number of columns of references and torques."""
+        return self.tree.n + len(self.driven_tendons)
+
+    @property
+    def commanded(self) -> int:
+        """Number of columns of what a `Session` is given: tendons are not among them where servos are sampled."""
+        return self.tree.n if self.sampled else self.inputs
+
+    @property
+    def follows(self) -> bool:
+        """Return whether something follows references: servos, or drives of tendons that are no mere motors."""
+        return self.constants.actuator is not None or _follow(self.model)
+
     @cached_property
     def layout(self) -> ByChannel:
         """First index of each part of the state, and the state's "length"."""
@@ -384,6 +404,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     """Compile one model."""
     options, ground = check_options(model, given), given.ground
     drive, g = build_drive(model, options.gearbox), np.asarray(options.gravity)
+    _check_drives(model.name, [model], drive.sampled)
     lines = (*(one for one in model.tendons if one.acts), *(spring_tendon(spring) for spring in options.springs))
     tree = with_rows(compile_tree(model), lines)
     contact, tendons = build_contact(model, tree, ground, g), build_tendons(model, tree, lines)
@@ -457,6 +478,7 @@ def _compile_members(
         members = [Member(one.placed, _compile(one.model, _own(one.placed, chosen))) for one in members]
     decisive = next((one.scene for one in members if one.scene.sampled), members[0].scene)
     _check_ticks(members)
+    _check_drives("scene", [one.model for one in members], decisive.sampled)
     options = options._replace(gravity=members[0].scene.options.gravity)
     touching, tree = build_pairs(members, obstacles, excluded, joined_tree(members), options)
     constants = joined_constants(members, tree)._replace(pairs=touching.table)
@@ -488,6 +510,20 @@ def _compile_members(
         excluded=excluded,
         touching=touching,
     )  # fmt: skip
+
+
+def _follow(model: Model) -> bool:
+    """Return whether drives of tendons follow references."""
+    return any(one.controller is not None and one.controller.Kp > 0 for one in model.tendons)
+
+
+def _check_drives(name: str, models: Iterable[Model], sampled: bool) -> None:
+    """Raise ValueError where drives of tendons follow references that sampled servos see at ticks only."""
+    if sampled and any(_follow(model) for model in models):
+        raise ValueError(
+            f"{name}: controllers of tendons follow their references at every instant, and the servos of joints are "
+            "sampled; give the joints torque laws ('pd', 'pd_clamped'), or the tendons Kp=0 and their forces as tau"
+        )
 
 
 def _implicit(options: SceneOptions) -> SceneOptions:

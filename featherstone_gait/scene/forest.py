@@ -19,7 +19,7 @@ from ..core.effects.friction import FRICTION
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
 from ..core.effects.joint_spring import JOINT_SPRING, STIFFENING
 from ..core.effects.stop import STOP
-from ..core.effects.tendon import Tendons
+from ..core.effects.tendon import DRIVE, Tendons
 from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.step.context import Scene
 from ..core.step.state import IN_STATE
@@ -31,6 +31,7 @@ from .channels import Share, owned
 from .friction import Friction
 from .preflight import Preflight
 from .records import records
+from .tendon import number_drives
 from .tree import Tree
 
 if TYPE_CHECKING:
@@ -387,7 +388,10 @@ def _tendons(members: Sequence[Member], tree: Tree, moved: Sequence[Shift]) -> T
         return None
     counts = [count(one and one.table) for one in found]
     stops = _stacked([one and one.stops for one in found], counts, STOP, **UNSTOPPED)
-    return Tendons(_concatenated(tables), _concatenated(parts), stops)
+    drives = _stacked([one and one.drives for one in found], counts, DRIVE, input=-1)
+    if drives is not None:
+        number_drives(drives, drives.input >= 0, tree.n)
+    return Tendons(_concatenated(tables), _concatenated(parts), stops, drives)
 
 
 def _firmware(members: Sequence[Member], counts: Sequence[int]) -> Firmware:

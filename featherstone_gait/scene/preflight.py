@@ -28,7 +28,7 @@ from ..core.effects.friction import DRY
 from ..core.integrate import INTEGRATORS
 from ..dynamics import coupling_matrix
 from ..dynamics.tendons import rows_of
-from ..model import Model, Tendon
+from ..model import Controller, Model, Tendon
 from ..model.numpy_dynamics import mass_matrix_at, regular_posture
 from .actuator import Drive
 from .friction import Friction, explicit_limits, sticks
@@ -169,7 +169,11 @@ def _acting(
         return *acting, rotors
     own, ends = np.zeros(len(drive.servos)), np.zeros(len(tendons))
     of_joints = ({cause: np.concatenate([c, ends]) for cause, c in one.items()} for one in acting)
-    numbers = ([one.damping for one in tendons], [one.stiffness for one in tendons])
+    laws = [one.controller or Controller("pd") for one in tendons]
+    numbers = (
+        [one.damping + law.Kd for one, law in zip(tendons, laws)],
+        [one.stiffness + law.Kp for one, law in zip(tendons, laws)],
+    )
     along = ({cause: np.concatenate([own, each])} for cause, each in zip(tendon.CAUSES, numbers))
     dampers, stiff = (a | b for a, b in zip(of_joints, along))
     return dampers, stiff, rotors

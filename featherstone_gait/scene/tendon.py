@@ -14,9 +14,10 @@ import numpy as np
 
 from ..base.fixed_order import applied
 from ..core.effects.stop import STOP
-from ..core.effects.tendon import BEGIN, JOINT, PART, POINT, TENDON, Tendons
+from ..core.effects.tendon import BEGIN, DRIVE, JOINT, PART, POINT, TENDON, Tendons
 from ..core.integrate.integrator import Integrator
 from ..model import Model, Tendon
+from .actuator import pd_laws
 from .records import records
 from .stop import NO_LIMIT, fill_stop, load_of
 from .tree import Tree
@@ -48,7 +49,22 @@ def build_tendons(model: Model, tree: Tree, tendons: Sequence[Tendon]) -> Tendon
             kind = POINT if j and via.share > 0 else BEGIN
             parts.append(_part(kind, place.row, via.share, 0, place.r + applied(place.E, np.array(via.point))))
         row.end = len(parts)
-    return Tendons(table, np.concatenate(parts or [records(0, PART)]).view(np.recarray), None)
+    drives = build_drives(tendons, len(model.moving_joints))
+    return Tendons(table, np.concatenate(parts or [records(0, PART)]).view(np.recarray), None, drives)
+
+
+def build_drives(tendons: Sequence[Tendon], joints: int) -> np.recarray | None:
+    """Lay out the drives of tendons, whose inputs follow those of so many joints; None without drives."""
+    if not any(one.driven for one in tendons):
+        return None
+    table = pd_laws([one.controller for one in tendons], DRIVE)
+    number_drives(table, [one.driven for one in tendons], joints)
+    return table
+
+
+def number_drives(table: np.recarray, driven: Sequence[bool] | np.ndarray, joints: int) -> None:
+    """Give the tendons that are driven their inputs, which follow those of so many joints."""
+    table.input = np.where(driven, joints - 1 + np.cumsum(driven), -1)
 
 
 def _part(kind: int, body: int, coefficient: float, dof: int, point: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -82,5 +98,8 @@ def fold_tendons(tendons: Tendons | None, integrator: Integrator, h: float, iner
     As `fold_joint_springs`; inertias: those that the tendons feel [kg m^2 or kg].
     """
     if tendons is not None:
-        each = (k / inertia for k, inertia in zip(tendons.table.stiffness, inertias))
+        stiffness = tendons.table.stiffness + (0.0 if tendons.drives is None else tendons.drives.Kp)
+        each = (k / inertia for k, inertia in zip(stiffness, inertias))
         tendons.table.fold = integrator.folds_spring or h * h * math.fsum(each) > 1.0
+        if tendons.drives is not None:
+            tendons.drives.fold = tendons.table.fold

@@ -350,13 +350,14 @@ def test_an_equality_of_three_joints_is_a_spring_as_soft_as_solref(write):
     assert np.abs(run["tendon_length"] - tendon.slack[0]).max() < 0.02
 
 
-def test_a_driven_tendon_is_kept_for_its_jacobian(write):
+def test_a_motor_on_a_tendon_is_a_drive_without_gains(write):
     fixed = '<fixed name="sum"><joint joint="a" coef="1"/><joint joint="b" coef="-2"/></fixed>'
     text = f'<tendon>{fixed}</tendon><actuator><motor tendon="sum" ctrlrange="-1 1"/></actuator>'
-    with pytest.warns(RobotFileWarning, match=r"not on one joint \(give tendon_jacobian"):
-        model = load_robot(write(robot(TWO, text)))
+    model = load_robot(write(robot(TWO, text)), strict=True)
+    assert any("whose forces (gear gain control) are those of tau: '0'" in note for note in model.notes)
     np.testing.assert_array_equal(tendon_jacobian(model, [0.0, 0.0]), [[1.0, -2.0]])
-    assert compile_scene(model).constants.tendons is None  # it costs nothing
+    assert model.tendons[0].controller == Controller("pd_clamped")
+    assert compile_scene(model).inputs == 3
 
 
 def test_tendons_that_no_line_follows_are_refused(write):

@@ -51,6 +51,13 @@ def pd_torque(p, e, v, h_implicit):
 
 
 @inline
+def pd_branch(p, e, v, h_implicit):
+    """Return the side on which the torque of `pd_torque` is clamped, 0 where it is not."""
+    spring = p.Kp * (e - p.fold * h_implicit * v)
+    return sign_beyond(select(p.free_damping > 0.0, spring, spring - p.Kd * v), p.torque_limit)
+
+
+@inline
 def _error(actuator, step, i):
     return short_way(actuator.wrap, step.drive[i, 0] - step.y[step.offsets.q + i], i)
 
@@ -69,9 +76,7 @@ def _rates(actuator, step, dy, i, v):
 
 @actuator_branch.of(PDServo)
 def _branch(actuator, step, i, v, w):
-    p = actuator.pd[i]
-    spring = p.Kp * (_error(actuator, step, i) - p.fold * step.h_implicit * v)
-    return sign_beyond(select(p.free_damping > 0.0, spring, spring - p.Kd * v), p.torque_limit)
+    return pd_branch(actuator.pd[i], _error(actuator, step, i), v, step.h_implicit)
 
 
 motor_of.of(PDServo)(lambda actuator: None)

@@ -1,9 +1,10 @@
 """Tendons and springs between bodies: a force along a length that joints and points of bodies make.
 
 The length is a sum of joint positions times coefficients, or of the distances of points that follow each other on a
-path.  Along it act a spring with a dead band, a damper, and stops of stop.py at the limits,
+path.  Along it act a spring with a dead band, a damper, stops of stop.py at the limits, and a drive with the law of
+pd_servo.py,
 
-    f = -K (l - upper) above the band, -K (l - lower) below, nothing within; -C dl/dt; stops,
+    f = -K (l - upper) above the band, -K (l - lower) below, nothing within; -C dl/dt; stops; drive,
 
 positive where it lengthens.  With J = dl/dq the torques on the joints are J' f.  An implicit step takes the force at
 its end, where the length is l + h J v, with J of the state for which the bias is taken; the slope h (K h + C) joins the
@@ -17,6 +18,7 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import select, sqrt
+from ..compile.optional import plus_item
 from ..compile.structure import record, structure
 from ..tree.aba import root_inertia
 from ..tree.coupling import push_torque
@@ -26,6 +28,7 @@ from ..tree.rank_one import FREE, answer, bind, clear, push_force, release
 from ..tree.rigid_body import point_position
 from ..tree.spatial import add, cross, dot, load3, scale, sub, vector
 from .contact import FLOOR, shifted
+from .pd_servo import PD, pd_branch, pd_torque
 from .stop import stop_branch, stop_torque
 
 TENDON = record(
@@ -39,6 +42,11 @@ TENDON = record(
     upper=float,
     damping=float,  # C [N s/m or N m s/rad]
     fold=float,  # 1 = the spring is taken at the end of the step, 0 = at its start
+)
+
+DRIVE = record(
+    input=int,  # column of references and of torques from outside, -1 without a drive
+    **{name: kind for name, (kind, _) in (PD.fields or {}).items()},
 )
 
 PART = record(
@@ -68,6 +76,7 @@ class Tendons(NamedTuple):
     table: np.ndarray  # (tendons,) TENDON
     parts: np.ndarray  # (parts,) PART
     stops: np.ndarray | None  # (tendons,) STOP; None where no tendon has limits
+    drives: np.ndarray | None = None  # (tendons,) DRIVE; None where no tendon has a drive
 
 
 # ---------------------------------------------------------------------------------------------- the length
@@ -154,7 +163,23 @@ def tendon_force(tendons, c, step, u):
     spring = select(over >= 0.0, -t.stiffness * over, select(under >= 0.0, t.stiffness * under, zero))
     stop, c_stop = stop_torque(tendons.stops, c, length, u, h)
     slope = select(beyond, t.stiffness * (t.fold * h) + zero, zero)
-    return spring - t.damping * u + stop, slope + t.damping + c_stop
+    return _plus_drive(tendons.drives, step, c, length, u, spring - t.damping * u + stop, slope + t.damping + c_stop)
+
+
+@inline
+def _plus_drive(drives, step, c, length, u, f, slope):
+    """Return f and its slope plus those of a drive; length: at the start of the step."""
+    if drives is None:
+        return f, slope
+    return _with_drive(drives[c], step, length, u, f, slope)
+
+
+@inline
+def _with_drive(d, step, length, u, f, slope):
+    if d.input < 0:
+        return f, slope
+    pull, c_pull = pd_torque(d, step.drive[d.input, 0] - length, u, step.h_implicit)
+    return plus_item(f + pull, step.tau, d.input), slope + c_pull
 
 
 @inline
@@ -310,7 +335,18 @@ def tendon_branch(tendons, c, step, u):
     at, zero = length + t.fold * step.h_implicit * u, 0.0 * u
     side = select(at >= t.upper, 1.0 + zero, select(at <= t.lower, -1.0 + zero, zero))
     side = side * (1.0 if t.upper > t.lower else 0.0)
-    return side + 3.0 * stop_branch(tendons.stops, c, length, u, step.h_implicit)
+    side = side + 3.0 * stop_branch(tendons.stops, c, length, u, step.h_implicit)
+    return _plus_drive_branch(tendons.drives, step, c, length, u, side)
+
+
+@inline
+def _plus_drive_branch(drives, step, c, length, u, side):
+    if drives is None:
+        return side
+    d = drives[c]
+    if d.input < 0:
+        return side
+    return side + 9.0 * pd_branch(d, step.drive[d.input, 0] - length, u, step.h_implicit)
 
 
 CAUSES = ("damper of a tendon", "spring of a tendon")  # that limit explicit steps

@@ -655,7 +655,7 @@ def _workspace(sizes, zeros):
     def in_eight(shape):
         return aligned((*np.atleast_1d(shape), WIDTH))
 
-    offsets, n = sizes.offsets, sizes.n
+    offsets = sizes.offsets
     size, rates = int(offsets["length"]), int(offsets["after_integrated"])
     columns = Columns(
         y=in_eight(size),
@@ -664,8 +664,8 @@ def _workspace(sizes, zeros):
         slope=in_eight(rates),
         first=in_eight(rates),
         previous=in_eight(rates),
-        drive=in_eight((n, 2)),
-        tau=in_eight(n) if sizes.driven else None,
+        drive=in_eight((sizes.inputs, 2)),
+        tau=in_eight(sizes.inputs) if sizes.driven else None,
         decay=in_eight((sizes.motors, DECAYS)) if sizes.motors else None,
         branch=in_eight(1),
         moved=in_eight(rates),

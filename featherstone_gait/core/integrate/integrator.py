@@ -30,6 +30,7 @@ class Sizes(NamedTuple):
     """Sizes on which the workspace of an integrator depends."""
 
     n: int  # joints
+    inputs: int  # columns of references and torques: joints, then driven tendons
     bodies: int
     bases: int  # that have coordinates
     balls: int  # ball joints

@@ -103,7 +103,7 @@ def _hold_torques(present, run, k, t, y):
         u = run.signals
         evaluate(u.reference, t + EVENT_MARGIN, u.drive)
         command = commanded(u.program, run.plan, k, y, u.drive)
-        for i in range(len(u.tau)):
+        for i in range(len(command)):
             u.torques.cubics[0, i, 0] = command[i, 0]
 
 

@@ -11,6 +11,9 @@ dcmotor with the input "pos"
 motor
     F = u: the product of gear and control limit is the most it gives the joint; the sum over the joint's motors is its
     `effort`.
+of a tendon, with a force F = g u + b0 - kp l - kv dl/dt
+    the tendon's drive has the law pd_clamped with Kp = kp and Kd = kv.  Its reference is the length (g u + b0) / kp;
+    with kp = 0 the force g u + b0 is that of `tau`.
 
 An actuator of a fixed tendon whose joints all follow one, or are one, is an actuator of that joint: the tendon's length
 is g' q and a constant.
@@ -21,6 +24,7 @@ Source: MuJoCo's XML reference and technical note on its dcmotor.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -40,7 +44,10 @@ NO_LIMIT = 1e6  # voltage [V] of a motor that has none
 
 OWN_ANGLE = "took the joint's angle, u/gear, as the reference of actuators with a gear"
 SCALED = "took the joint's angle as the reference of actuators whose control is scaled"
-LEFT_OUT = "ignored actuators that are not on one joint (give tendon_jacobian(model, q).T @ forces as tau)"
+LEFT_OUT = "ignored actuators that are neither on one joint nor on a tendon that is taken"
+TAKEN_ALREADY = "ignored actuators on a joint or tendon that has one already"
+OWN_LENGTH = "took the tendon's length as the reference of actuators on tendons whose control is scaled"
+OWN_FORCE = "took actuators on tendons as drives without Kp, whose forces (gear gain control) are those of tau"
 RANGED = (
     "ignored the ctrlrange of actuators, since references have no limits: keep references [rad or m] where MuJoCo "
     "clamps them: "
@@ -54,6 +61,7 @@ class Actuators(NamedTuple):
     joints: tuple[Joint, ...]  # with what actuators add to them
     doubts: list[str]
     remarks: list[str]
+    drives: dict[int, Controller]  # by tendon
 
 
 class _Read(NamedTuple):
@@ -84,10 +92,11 @@ class _Row(NamedTuple):
     more: tuple[str, ...]  # what else it has that has no like here
 
 
-def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
-    """Read servos and limits from the actuators, and what of them is ignored."""
+def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...], tendons: Collection[int]) -> Actuators:
+    """Read servos, limits and drives from the actuators, and what of them is ignored; tendons: those that are taken."""
     by_name = {joint.name: joint for joint in joints}
     servos: dict[str, Servo] = {}
+    drives: dict[int, Controller] = {}
     efforts: dict[str, float] = {}
     left: dict[str, list[str]] = {}
     for k in range(actuator_count(m)):
@@ -95,6 +104,15 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
         if joint >= 0 and not tree.holds(m, int(m.jnt_bodyid[joint])):
             continue  # of another tree
         name = tree.joint_names[joint] if gear and m.jnt_type[joint] != BALL else ""
+        tendon = int(m.actuator_trnid[k, 0])
+        if m.actuator_trntype[k] == TENDON and tendon in tendons and joint < 0:
+            row = _row(m, k, float(m.actuator_gear[k, 0]))
+            drive, reasons = _tendon_drive(row)
+            if drive is not None and drives.setdefault(tendon, drive) is not drive:
+                reasons = (TAKEN_ALREADY,)
+            for reason in reasons:
+                left.setdefault(reason, []).append(row.name)
+            continue
         if name not in by_name:
             left.setdefault(LEFT_OUT, []).append(m.actuator(k).name or str(k))
             continue
@@ -107,22 +125,23 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
         if effort is not None:
             efforts[name] = efforts.get(name, 0.0) + effort
         if servo is not None and servos.setdefault(name, servo) is not servo:
-            reasons = ("ignored actuators on a joint that has a servo already",)
+            reasons = (TAKEN_ALREADY,)
         for reason in reasons:
             left.setdefault(reason, []).append(row.name)
     for name, effort in efforts.items():
         by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
     ranges = [f"{one.removeprefix(RANGED)} of {quoted(names)}" for one, names in left.items() if one.startswith(RANGED)]
+    forces = left.pop(OWN_FORCE, [])
     doubts = [f"{reason}: {quoted(names)}" for reason, names in left.items() if not reason.startswith(RANGED)]
     doubts += [f"{RANGED}{'; '.join(ranges)}"] if ranges else []
     torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
-    remarks = []
+    remarks = [f"{OWN_FORCE}: {quoted(forces)}"] if forces else []
     if len(torques) not in (0, len(servos)):
         remarks.append(
             f"servos of joints {quoted(torques)} have a torque law, the others are sampled; compile_scene takes one "
             "kind: give all joints one kind of law, or servos=None"
         )
-    return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, remarks)
+    return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, remarks, drives)
 
 
 def turned(m: Any, k: int) -> tuple[int, float]:
@@ -215,9 +234,33 @@ def _position(row: _Row) -> _Read:
     return _Read(Servo(law), reasons=(*(reason for reason, holds in found.items() if holds), *row.more))
 
 
-def _range(row: _Row, gain: float) -> dict[str, bool]:
-    """Return what MuJoCo clamps and a reference is not, where the joint's angle is the control times gain / gear."""
-    low, high = sorted(gain * u / row.gear for u in row.controls)
+def _tendon_drive(row: _Row) -> tuple[Controller | None, tuple[str, ...]]:
+    """Read an actuator of a tendon as the law of a drive, and what of it is ignored."""
+    if row.off:
+        return None, ("ignored actuators that the file switches off", *row.more)
+    bias = row.bias[:3] if row.kind[2] == AFFINE_BIAS else (0.0, 0.0, 0.0)
+    plain = row.kind[0] in (NO_DYNAMICS, *FILTERS) and row.kind[1] == FIXED_GAIN and row.kind[2] <= AFFINE_BIAS
+    if not plain or not row.gear or max(bias[1:]) > 0:
+        return None, ("ignored actuators of an unsupported kind", *row.more)
+    g = abs(row.gear)
+    Kp, Kd = (-g * g * x for x in bias[1:])
+    law = Controller("pd_clamped", Kp=abs(Kp), Kd=abs(Kd), torque_limit=g * row.force)
+    found = {
+        "took activations of actuators as being at once, though they are filtered": row.kind[0] != NO_DYNAMICS,
+        "ignored the armature and damping of actuators on tendons": bool(row.armature or row.damping),
+        "ignored the forcerange of actuators on tendons, for forces of tau": not Kp and row.force < math.inf,
+        "took the larger end of forcerange of actuators either way": row.uneven[1],
+        OWN_FORCE: not Kp,
+    }
+    if Kp:
+        found[OWN_LENGTH] = row.gear != 1 or bias[0] != 0 or row.gain[0] != -bias[1]
+        found |= _range(row, row.gain[0] / -bias[1], bias[0] / -bias[1])
+    return law, (*(reason for reason, holds in found.items() if holds), *row.more)
+
+
+def _range(row: _Row, gain: float, offset: float = 0.0) -> dict[str, bool]:
+    """Return what MuJoCo clamps and a reference is not, where gear times angle or length is gain u + offset."""
+    low, high = sorted((gain * u + offset) / row.gear for u in row.controls)
     return {f"{RANGED}{low:.6g} to {high:.6g}": math.isfinite(high - low)}
 
 

@@ -20,7 +20,7 @@ from .causes import doubts, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
 from .loops import equality_names, read_loops
 from .sizes import check_sizes, documents_of
-from .tendons import read_tendons
+from .tendons import read_tendons, taken
 from .touching import collisions, links_apart, paired_geoms, read_touching
 from .tree import BALL, Tree, read_shapes, read_tree
 
@@ -41,9 +41,9 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     tree = read_tree(m, base, couplings(m))
     for problem in refusals(m, tree):
         report.refuse(None, problem)
-    actuators = Actuators({}, tree.joints, [], [])
+    actuators = Actuators({}, tree.joints, [], [], {})
     with report.blaming():
-        actuators = read_actuators(m, tree, tree.joints)
+        actuators = read_actuators(m, tree, tree.joints, taken(m, tree))
     pairs = (pair for root in documents.values() for pair in root.iter("pair"))
     touching = read_touching(m, tree, any("friction" in pair.attrib for pair in pairs))
     for sentence in (*doubts(m, tree), *other_gravity(m), *actuators.doubts, *touching.doubts):
@@ -57,7 +57,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     return Robot(
         name_of(m, path), tree.links, actuators.joints, shapes, tree.base, held_by(m, tree), actuators.servos,
         postures_of(m, tree), tuple(apart), read_loops(m, tree, equality_names(m)),
-        read_tendons(m, tree),
+        read_tendons(m, tree, actuators.drives),
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
-from ...model import Ground, Joint
+from ...model import Controller, Ground, Joint, Servo
 from ...model.pair_contact import GROUND, NONE, PairContact
 from ...model.placed import SEPARATOR, link_name
 from ...model.shapes import Shape
@@ -31,7 +31,7 @@ from .equalities import Line, couplings, title
 from .loops import closing, equality_names, read_loops
 from .read import compiled, held_by, name_of, postures_of
 from .sizes import documents_of
-from .tendons import read_tendons
+from .tendons import read_tendons, taken
 from .touching import FRICTIONLESS, collisions, excluded_bodies, links_apart, meets, paired_geoms
 from .tree import (
     GEOMS,
@@ -204,10 +204,10 @@ def _tree(m: Any, top: int, prefix: str, bodies: list[str], joints: list[str], m
 
 def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Report, prefix: str) -> Part:
     joints: tuple[Joint, ...] = tree.joints
-    servos = {}
+    servos, drives = dict[str, Servo](), dict[int, Controller]()
     with report.blaming():
-        actuators = read_actuators(m, tree, tree.joints)
-        joints, servos = actuators.joints, actuators.servos
+        actuators = read_actuators(m, tree, tree.joints, taken(m, tree))
+        joints, servos, drives = actuators.joints, actuators.servos, actuators.drives
         for sentence in actuators.doubts:
             report.doubt(sentence)
         for sentence in actuators.remarks:
@@ -217,7 +217,7 @@ def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Rep
     loops = read_loops(m, tree, [x.removeprefix(f"{prefix}{SEPARATOR}") for x in equality_names(m)], top)
     robot = Robot(
         name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree),
-        loops=loops, tendons=read_tendons(m, tree, top),
+        loops=loops, tendons=read_tendons(m, tree, drives, top),
     )  # fmt: skip
     touching = tuple(shape for g, shape in shapes.items() if g in solids.friction)
     return Part(robot, vector(m.body_pos[top]), tuple(m.body_quat[top].tolist()), touching)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...base.flaws import quoted
-from ...model import Model, Tendon, Via
+from ...model import Controller, Model, Tendon, Via
 from ..markup import element
 from .actuators import TENDON as TENDON_TRANSMISSION
 from .actuators import turned
@@ -19,6 +20,11 @@ from .tree import NO_DAMPERS, NO_LIMITS, NO_SPRINGS, NO_STOP, Tree, actuator_cou
 
 JOINT_WRAP, PULLEY_WRAP = 1, 2  # mjtWrap
 LEFT = ("frictionloss", "armature")  # what tendons have that has no like here
+
+
+def taken(m: Any, tree: Tree) -> set[int]:
+    """Return the tendons of a tree that are not left out."""
+    return {t for t in range(m.ntendon) if why_not(m, tree, t) is None and _own(m, tree, t)}
 
 
 def acts(m: Any, t: int) -> bool:
@@ -35,15 +41,15 @@ def _numbers(m: Any, t: int) -> tuple[float, float, bool]:
     return K, C, bool(m.tendon_limited[t]) and not off & (NO_LIMITS | NO_CONSTRAINTS)
 
 
-def read_tendons(m: Any, tree: Tree, top: int = 0) -> tuple[Tendon, ...]:
+def read_tendons(m: Any, tree: Tree, drives: Mapping[int, Controller], top: int = 0) -> tuple[Tendon, ...]:
     """Read the tendons of a tree that act or are driven, and equalities of three joints or more as tendons.
 
-    top: body whose place counts as that of a fixed root.
+    drives: by tendon; top: body whose place counts as that of a fixed root.
     """
     found, names, used = [], tendon_names(m), driven(m)
-    for t in range(m.ntendon):
-        if (acts(m, t) or t in used) and why_not(m, tree, t) is None and _own(m, tree, t):
-            found.append(_tendon(m, tree, t, names[t], top))
+    for t in sorted(taken(m, tree)):
+        if acts(m, t) or t in used:
+            found.append(replace(_tendon(m, tree, t, names[t], top), controller=drives.get(t)))
     for k, tie in _own_ties(m, tree).items():
         joints = tuple((tree.joint_names[j], c) for j, c in tie.terms.items())
         name = unused(m.equality(k).name or f"equality{k}", [*names, *(one.name for one in found)])

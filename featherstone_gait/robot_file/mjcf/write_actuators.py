@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
-from ...model import Joint, Model, Servo, depends_on_load_or_speed
+from ...model import Controller, Joint, Model, Servo, Tendon, depends_on_load_or_speed
 from ..markup import element
+from .tree import unused
 
 LOADED = "no friction that falls with the speed or grows with the load"
 LONG_WAY = "the reference is followed as it is, not the short way round"
+DAMPED = "the limit of the torque holds the damping too"
 CONTINUOUS = ("pd", "pd_clamped")
 MOTORS = ("state", "pid_position")  # laws that `dcmotor` has
 
@@ -18,6 +20,12 @@ def actuator_lines(model: Model) -> tuple[list[str], list[str]]:
     servos = {joint.name: model.servos[joint.name] for joint in model.moving_joints if joint.name in model.servos}
     lacking: dict[str, list[str]] = {}
     lines = [line for name, servo in servos.items() for line in _actuator(name, servo)]
+    rods = [loop.name for loop in model.loops if loop.kind == "distance"]
+    for tendon in model.tendons:
+        if tendon.controller is not None and moves(model, tendon):
+            lines += _drive(unused(tendon.name, servos), unused(tendon.name, rods), tendon.controller)
+            if tendon.controller.law == "pd" and tendon.controller.torque_limit < math.inf:
+                lacking.setdefault(DAMPED, []).append(tendon.name)
     for name, servo in servos.items():
         for what in _lacking(servo):
             lacking.setdefault(what, []).append(name)
@@ -71,12 +79,28 @@ def _actuator(name: str, servo: Servo) -> list[str]:
     return element("dcmotor", attributes)
 
 
+def moves(model: Model, tendon: Tendon) -> bool:
+    """Return whether the length of a tendon depends on a joint that is not held."""
+    return bool(tendon.path) or any(name not in model.held for name, _ in tendon.joints)
+
+
+def _drive(name: str, tendon: str, law: Controller) -> list[str]:
+    """Write the actuator of a tendon."""
+    limit = (-law.torque_limit, law.torque_limit) if law.torque_limit < math.inf else None
+    attributes = {"name": name, "tendon": tendon, "forcerange": limit}
+    if law.Kp:
+        return element("position", attributes | {"kp": law.Kp, "kv": law.Kd})
+    if law.Kd:
+        return element("general", attributes | {"biastype": "affine", "biasprm": (0.0, 0.0, -law.Kd)})
+    return element("motor", attributes)
+
+
 def _lacking(servo: Servo) -> list[str]:
     """Return what the actuator lacks of a servo."""
     law, gear = servo.controller, servo.gearbox
     if law.law in CONTINUOUS:
         limited = law.law == "pd" and law.torque_limit < math.inf
-        return ["the limit of the torque holds the damping too"] * limited + [LONG_WAY] * law.wrap + _beside(servo)
+        return [DAMPED] * limited + [LONG_WAY] * law.wrap + _beside(servo)
     if law.law == "pid_speed":
         return ["left out: no actuator has the law pid_speed", *_beside(servo)]
     found = {
