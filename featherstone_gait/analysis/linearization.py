@@ -41,7 +41,7 @@ from ..run.compiled_run import CompiledRun, Vector, in_lanes, knots_in_lanes, la
 from ..run.lane_engine import sampled
 from ..run.prepare import prepare, with_steps, with_tolerance
 from ..run.reference import Reference
-from ..run.start import check_scene, initial_state, width_of
+from ..run.start import check_scene, columns_of, initial_state
 from ..run.status import OF_CODE
 from ..run.trajectory import Trajectory
 from ..scene.channels import current_name
@@ -256,7 +256,7 @@ def _inputs(scene: CompiledScene, inputs: Sequence[str] | None) -> tuple[str, ..
 def _signal(scene: CompiledScene, name: str, value: ArrayLike | Reference | None) -> Reference | None:
     if value is None or isinstance(value, Reference):
         return value
-    return Reference([0.0], vector(name, value, width_of(scene, value), "one a joint, or a Reference")[None])
+    return Reference([0.0], vector(name, value, columns_of(scene, value), "one a joint, or a Reference")[None])
 
 
 # ------------------------------------------------------------------------------------------------ runs

@@ -37,7 +37,7 @@ from .lane_constants import has_varying, merge, structure, with_own_memory, writ
 from .overlap import tell_overlaps
 from .program import CompiledController
 from .reference import LATEST, Reference
-from .start import checked_state, driven_lengths, initial_state, what_is_loose_at, width_of, with_first_error
+from .start import checked_state, columns_of, driven_lengths, initial_state, what_is_loose_at, with_first_error
 from .trajectory import Trajectory
 
 Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
@@ -121,7 +121,7 @@ class CompiledRun:
                 f"{scene.integrator} takes its torques from the servos alone; use implicit_euler for scenes with tau"
             )
         if tau is not None and not isinstance(tau, Reference):
-            tau = Reference([0.0], vector("tau", tau, width_of(scene, tau), "[N m or N], or a Reference")[None])
+            tau = Reference([0.0], vector("tau", tau, columns_of(scene, tau), "[N m or N], or a Reference")[None])
         lengths = driven_lengths(scene, y)
         knots = self._knots("reference", reference, lengths)
         torques = self.held_torques(np.zeros) if self.torques_written else self._knots("tau", tau, 0.0 * lengths)

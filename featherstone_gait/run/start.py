@@ -378,7 +378,7 @@ def driven_lengths(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
     return np.concatenate(list(each))
 
 
-def width_of(scene: CompiledScene, signal: ArrayLike) -> int:
+def columns_of(scene: CompiledScene, signal: ArrayLike) -> int:
     """Return how many numbers a constant signal is to have: those of the joints, or of driven tendons too."""
     return scene.tree.n if np.size(signal) == scene.tree.n else scene.inputs
 

@@ -110,7 +110,7 @@ def _actuator(model: Model, servos: list[Servo | None], kind: GearboxKind, conti
     if continuous and kind == "mipsd":
         raise ValueError(f"{model.name}: a pd servo has no motor to drive a spring-damper gearbox; use gearbox='rotor'")
     if continuous:
-        return PDServo(pd_laws([servo and servo.controller for servo in servos]), wraps(model, servos))
+        return PDServo(pd_laws([servo.controller if servo else None for servo in servos]), wraps(model, servos))
     if kind == "mipsd":
         return MipsdServo(_motors(servos), _controllers(servos), _gears(model, servos))
     return RigidServo(_motors(servos), _controllers(servos))
