@@ -280,7 +280,7 @@ def _closed(
         base_qdd = np.zeros((n, 6))
     given = *_split(tree, x["tau"]), _external(model, tree, x["q"], wrench, robot.gravity)
     shapes = (m, ROW_SIZE), (m, 1, tree.n + 1), (m, 1, SIDE), (m, m + 2)
-    scratch = _work(tree), *(np.zeros(shape) for shape in shapes)
+    scratch = _work(tree), *(np.zeros(shape) for shape in shapes), np.zeros((2, m), np.int64)
     which, at = (loops.trees, loops.table, loops.held), _motion(tree, x["q"], x["qd"])
     batch.closed_rows(robot, which, at, given, scratch, (base_qdd, qdd, forces))
     return (qdd if base_qdd is None else np.concatenate([base_qdd, qdd], axis=1)), forces

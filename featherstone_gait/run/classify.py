@@ -64,7 +64,7 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
         }
     if scene.model.loops:
         info["loops"] = [loop.name for loop in scene.model.loops]
-        info["loop_rows"] = [name for loop in scene.model.loops for name in loop.row_names]
+        info["loop_rows"] = row_names(scene.model)
     if scene.pairs:
         info["pairs"] = [list(pair) for pair in scene.pairs]  # of each row, which the channel `pair` counts from 1
     if scene.adaptive:
@@ -97,8 +97,7 @@ def classify(scene: CompiledScene, end: float, y: np.ndarray) -> Outcome:
 
 def _opened(scene: CompiledScene, y: np.ndarray) -> str:
     """Return part of a sentence that names the loop that is open most in a state, if one is."""
-    rates = np.concatenate([y[slice(*scene.part(name))] for name in ("base_qd", "qd")])
-    gaps = open_rows(scene, positions_in(scene, y), rates, scene.state_view(y))[0]
+    gaps = open_rows(scene, y)[0]
     names, worst = [loop.name for loop in scene.model.loops for _ in range(loop.rows)], int(gaps.argmax())
     return f", and loop {names[worst]!r} is open by {gaps[worst]:.3g} m or rad" if gaps[worst] > CLOSED else ""
 
@@ -137,7 +136,13 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
 def _names(model: Model) -> dict[str, Any]:
     """Return the names of a robot, its joints and, where it has ball joints, its positions."""
     positions = {"positions_of": list(model.position_names)} if model.balls else {}
-    return {"robot": model.name, "joints_of": list(model.joint_names), **positions}
+    loops = {"loops_of": [one.name for one in model.loops], "rows_of": row_names(model)} if model.loops else {}
+    return {"robot": model.name, "joints_of": list(model.joint_names), **positions, **loops}
+
+
+def row_names(model: Model) -> list[str]:
+    """Return the names of the rows of all loops."""
+    return [name for loop in model.loops for name in loop.row_names]
 
 
 def _crowded(scene: CompiledScene, y: np.ndarray) -> str:

@@ -17,19 +17,20 @@ from ..base.flaws import quoted
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
 from ..core.effects.firmware import TURN
+from ..core.integrate.integrator import closing_of
 from ..core.step import pace
+from ..core.step.closure import Closing, measure_loops
 from ..core.step.signals import Knots
-from ..core.tree.loop import PLACE
+from ..core.tree.loop import GAP, PLACE, SPEED
 from ..dynamics import forward_kinematics, loop_gaps
 from ..dynamics.algorithms import lengths_of, loop_measures
 from ..dynamics.inverse_kinematics import close_loops, is_flipped
 from ..model import Model
 from ..model.composite import TOLERANCE
 from ..model.numpy_dynamics import at_joints, what_is_loose, with_quaternions
-from ..scene.channels import StateView
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
-from ..scene.forest import Member, state_index
+from ..scene.forest import Member, named, state_index
 from ..scene.loop import build_loops
 from ..scene.tree import check_followers, followed
 from .status import OF_CODE
@@ -82,16 +83,11 @@ def initial_state(
     truth("allow_limit_violation", allow_limit_violation)
     names = loop_names(scene, open_loops)
     if scene.members:
-        return _of_members(scene, q, qd, allow_limit_violation)
+        return _of_members(scene, q, qd, allow_limit_violation, names)
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(o["length"])
     y[o["step_control"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
-    default = _default(model, scene)
-    if q is None and len(names) < len(model.loops):
-        kept = tuple(loop for loop in model.loops if loop.name not in names)
-        closed = replace(model, loops=kept)
-        if np.abs(loop_gaps(closed, default)).max() > CLOSED:
-            default = close_loops(closed, default, hold_base=True)
+    default = _default(model, scene, names if q is None else None)
     if model.base == "floating":
         if scene.ground is not None and q is None:
             default[2] = standing_height(model, scene.ground, default)
@@ -105,7 +101,6 @@ def initial_state(
         held = build_loops(model).held
         view.loop_closed[:] = [loop.name not in names for loop in model.loops]
         view.loop_place[...] = held[1].reshape(-1, PLACE)
-        _check_closed(scene, q, qd, view)
     joints, rates = model.single_positions(q), qd[len(qd) - n :]
     check_followers(model, scene.tree.coupling, joints, rates)
     given = {"q": joints, "qd": rates, "filtered_speed": rates, "rotor": joints, "rotor_speed": rates}
@@ -121,15 +116,27 @@ def initial_state(
         turned = q[model.position_slices[dof]]
         check_unit(f"{model.name}: q of ball joint {name!r}", turned, SHORTEST, LONGEST)
         ball[:] = turned / math.sqrt(total(turned * turned))
+    if model.loops:
+        _check_closed(scene, y)
     return y
 
 
-def _default(model: Model, scene: CompiledScene) -> np.ndarray:
-    """Return the positions (nq,) at zero, with followers where their leaders put them."""
-    return at_joints(model, followed(scene.tree.coupling, np.zeros(scene.tree.n)))
+def _default(model: Model, scene: CompiledScene, open_loops: Sequence[str] | None = None) -> np.ndarray:
+    """Return the positions (nq,) at zero, with followers where their leaders put them, and loops closed but these.
+
+    open_loops None: all loops are left as they are.
+    """
+    default = at_joints(model, followed(scene.tree.coupling, np.zeros(scene.tree.n)))
+    if open_loops is not None and len(open_loops) < len(model.loops):
+        closed = replace(model, loops=tuple(loop for loop in model.loops if loop.name not in open_loops))
+        if np.abs(loop_gaps(closed, default)).max() > CLOSED:
+            default = close_loops(closed, default, hold_base=True)
+    return default
 
 
-def _of_members(scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bool) -> np.ndarray:
+def _of_members(
+    scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bool, open_loops: Sequence[str]
+) -> np.ndarray:
     """Return the state of all members, each at the positions that are given for it, or else at its place."""
     y, given = np.zeros(scene.layout["length"]), {"q": q, "qd": qd}
     for what, values in given.items():
@@ -141,9 +148,10 @@ def _of_members(scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bo
                 known = ", ".join(member.name for member in scene.members)
                 raise ValueError(f"{what}: there is no robot or object {shown(name)}; there are {known}")
     for k, member in enumerate(scene.members):
+        opened = [loop.name for loop in member.model.loops if named(member, loop.name) in open_loops]
         own = given["q"].get(member.name)
-        own = placed_position(member) if own is None else own
-        one = initial_state(member.scene, own, given["qd"].get(member.name), allow_limit_violation)
+        own = placed_position(member, opened) if own is None else own
+        one = initial_state(member.scene, own, given["qd"].get(member.name), allow_limit_violation, opened)
         y[state_index(scene, member)] = one
         at = [*member.placed.position, 0.0][:3]
         if not member.scene.tree.floating:
@@ -151,10 +159,10 @@ def _of_members(scene: CompiledScene, q: Any, qd: Any, allow_limit_violation: bo
     return y
 
 
-def placed_position(member: Member) -> np.ndarray:
+def placed_position(member: Member, open_loops: Sequence[str] = ()) -> np.ndarray:
     """Return the positions (nq,) of a member at its place: a base without a height stands on the ground."""
     model, scene, placed = member.model, member.scene, member.placed
-    q = _default(model, scene)
+    q = _default(model, scene, open_loops)
     if model.base == "fixed":
         return q
     q[:7] = *[*placed.position, 0.0][:3], *placed.orientation
@@ -271,25 +279,40 @@ def loop_names(scene: CompiledScene, names: Any, what: str = "open_loops") -> li
     return names
 
 
-def open_rows(scene: CompiledScene, q: np.ndarray, qd: np.ndarray, view: StateView) -> np.ndarray:
-    """Compute by how much closed loops are open [m or rad], and how fast these gaps grow (2, rows); zero of open ones.
+def gaps_and_speeds(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
+    """Compute by how much loops are open in a state [m or rad], and how fast these gaps grow (2, rows)."""
+    view = scene.state_view(y)
+    if not scene.members:
+        rates = np.concatenate([view.base_qd, view.qd])
+        return loop_measures(scene.model, positions_in(scene, y), rates, view.loop_place.ravel())[0][0, :2]
+    W, closing = scratch_of_loops(scene)
+    measure_loops(scene.constants.loops, scene.constants, scene.places, (W, closing), y)
+    return closing.rows[:, [GAP, SPEED]].T
 
-    view: of a state, with what it says of loops.
-    """
-    model = scene.model
-    measures, _ = loop_measures(model, q, qd, view.loop_place.ravel())
-    closed = np.repeat(view.loop_closed > 0.0, [loop.rows for loop in model.loops])
-    return np.where(closed, np.abs(measures[0, :2]), 0.0)
+
+def scratch_of_loops(scene: CompiledScene) -> tuple[np.ndarray, Closing]:
+    """Make the scratch arrays with which loops of a state are measured and closed."""
+    constants, balls = scene.constants, 0 if scene.tree.balls is None else len(scene.tree.balls)
+    closing = closing_of(constants.loops, None, len(constants.tree), scene.tree.n, balls, np.zeros)
+    assert closing is not None
+    return np.zeros(scene.tree.workspace_shape()), closing
 
 
-def _check_closed(scene: CompiledScene, q: np.ndarray, qd: np.ndarray, view: StateView) -> None:
-    """Raise ValueError for positions or velocities at which closed loops are open; view: of the state."""
-    model, (gaps, speeds) = scene.model, open_rows(scene, q, qd, view)
+def open_rows(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
+    """Compute the sizes of gaps of closed loops in a state [m or rad], and of their rates (2, rows); 0 of open ones."""
+    closed = np.repeat(scene.state_view(y).loop_closed > 0.0, [loop.rows for loop in scene.model.loops])
+    return np.where(closed, np.abs(gaps_and_speeds(scene, y)), 0.0)
+
+
+def _check_closed(scene: CompiledScene, y: np.ndarray) -> None:
+    """Raise ValueError for a state in which closed loops are open."""
+    model, view, (gaps, speeds) = scene.model, scene.state_view(y), open_rows(scene, y)
     names = [loop.name for loop in model.loops for _ in range(loop.rows)]
-    fast, remedies = max(1.0, float(np.abs(qd).max())), ("close_loops(model, q)", "loop_jacobian(model, q) @ qd = 0")
+    fastest = max(float(np.abs(rates).max(initial=1.0)) for rates in (view.base_qd, view.qd))
+    remedies = ("close_loops(model, q)", "loop_jacobian(model, q) @ qd = 0")
     for what, values, most, unit, remedy in (
         ("q", gaps, CLOSED, "m or rad", f"give {remedies[0]}"),
-        ("qd", speeds, CLOSED * fast, "m/s or rad/s", f"give velocities with {remedies[1]}"),
+        ("qd", speeds, CLOSED * fastest, "m/s or rad/s", f"give velocities with {remedies[1]}"),
     ):
         worst = int(values.argmax())
         if not values[worst] <= most:
@@ -297,7 +320,9 @@ def _check_closed(scene: CompiledScene, q: np.ndarray, qd: np.ndarray, view: Sta
             raise ValueError(
                 f"{model.name}: at this {what} {opened}; at most {most:.1g}: {remedy}, or name it in open_loops"
             )
-    poses, own = forward_kinematics(model, q), build_loops(model).held[1].reshape(-1, PLACE)
+    if scene.members:
+        return
+    poses, own = forward_kinematics(model, positions_in(scene, y)), build_loops(model).held[1].reshape(-1, PLACE)
     for loop, closed, place, first in zip(model.loops, view.loop_closed, view.loop_place, own):
         if closed and np.array_equal(place, first) and is_flipped(model, poses, loop):
             raise ValueError(
@@ -348,8 +373,7 @@ def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
             f"{own}; `simulate` returns no such state: make it with initial_state"
         )
     if scene.model.loops:
-        rates = np.concatenate([y[slice(*scene.part(name))] for name in ("base_qd", "qd")])
-        _check_closed(scene, positions_in(scene, y), rates, scene.state_view(y))
+        _check_closed(scene, y)
     return y
 
 

@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import real, truth
-from ..core.integrate.integrator import closing_of
 from ..core.step.closure import make_loop
-from ..dynamics.algorithms import loop_measures
 from ..scene.compile import CompiledScene
-from .start import check_one, checked_state, loop_names, positions_in
+from .start import check_scene, checked_state, gaps_and_speeds, loop_names, scratch_of_loops
 from .trajectory import Trajectory
 
 WITHIN = 1e-3  # gap at which a loop is made [m or rad]
@@ -30,11 +28,11 @@ def switch_loop(
     Parameters
     ----------
     scene
-        A compiled scene of one robot.
+        A compiled scene.
     state
         State (size,), or a run that has ended.
     name
-        Name of the loop.
+        Name of the loop; of a robot of several "robot/loop".
     closed
         Whether to make it or to break it.  A loop that is so already stays as it is.
     within
@@ -50,7 +48,7 @@ def switch_loop(
     ValueError
         For unknown names, a gap that is too large, and loops that cannot all be closed there.
     """
-    check_one(scene, "switch_loop")
+    check_scene(scene)
     y = checked_state(scene, state).copy()
     loop_names(scene, [name], "name")
     truth("closed", closed)
@@ -63,18 +61,15 @@ def switch_loop(
     if not closed:
         return y
     first = sum(loop.rows for loop in model.loops[:c])
-    gaps = np.abs(loop_measures(model, positions_in(scene, y), None, view.loop_place.ravel())[0][0, 0])
-    gap = float(gaps[first : first + model.loops[c].rows].max())
+    gap = float(np.abs(gaps_and_speeds(scene, y)[0, first : first + model.loops[c].rows]).max())
     if not gap <= within:
         raise ValueError(
             f"{model.name}: loop {name!r} is open by {gap:.6g} m or rad, more than within={within:g}: bring its ends "
             "together, or allow more"
         )
     constants, missed = scene.constants, scene.part("newton_iterations")[0] + 1
-    balls = 0 if scene.tree.balls is None else len(scene.tree.balls)
-    scratch = np.zeros(scene.tree.workspace_shape()), closing_of(constants.loops, scene.tree.n, balls, np.zeros)
     before = y[missed]
-    make_loop(c, constants.loops, constants, scene.places, scratch, y)
+    make_loop(c, constants.loops, constants, scene.places, scratch_of_loops(scene), y)
     if y[missed] > before:
         raise ValueError(f"{model.name}: loop {name!r} does not close beside the other loops; break one of these first")
     return y

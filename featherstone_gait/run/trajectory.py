@@ -107,10 +107,11 @@ class Trajectory(Mapping[str, np.ndarray]):
             raise ValueError(f"trajectory: there is no robot or object {shown(name)}; there are {known}")
         share = shares[name]
         first, end = share["joints"]
-        info = {key: value for key, value in self.info.items() if key not in ("members", "pairs")}
+        whole = ("members", "pairs", "positions", "loops", "loop_rows")
+        info = {key: value for key, value in self.info.items() if key not in whole}
         info |= {"robot": share["robot"], "joints": share["joints_of"], "joint_types": info["joint_types"][first:end]}
-        info.pop("positions", None)
         info |= {"positions": share["positions_of"]} if "positions_of" in share else {}
+        info |= {"loops": share["loops_of"], "loop_rows": share["rows_of"]} if "loops_of" in share else {}
         channels = {key: values for key, values in _own(self.channels, share).items()}
         errors = None if self.error is None else _own(self.error, share)
         parts, indices = _own_parts(self.parts, share)
@@ -273,7 +274,9 @@ def _own(channels: Mapping[str, np.ndarray], share: Share) -> dict[str, np.ndarr
         channel, flat = BY_NAME.get(name), values.reshape(len(values), -1)
         if channel is None:  # time
             found[name] = values
-        elif channel.of not in ("slot", "turning", "pairs", "row") and not (channel.of == "base" and share["fixed"]):
+        elif channel.of in ("loop", "row") and "loops" not in share:
+            continue
+        elif channel.of not in ("slot", "turning", "pairs") and not (channel.of == "base" and share["fixed"]):
             found[name] = shaped(channel, flat[:, owned(channel, share, flat.shape[1])])
     return found
 

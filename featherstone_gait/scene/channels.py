@@ -85,7 +85,7 @@ Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in for
 
 def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
     """Return the indices of the numbers of a channel, `size` in the scene, that are a member's."""
-    if channel.of in ("slot", "turning", "pairs", "row"):  # of two members, or of none
+    if channel.of in ("slot", "turning", "pairs"):  # of two members, or of none
         return np.arange(0)
     if channel.of in ("run", "source") or not size:
         return np.arange(size)
@@ -97,6 +97,8 @@ def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
         first, end = share["points"]
     elif channel.of == "tendon":
         first, end = share["tendons"]
+    elif channel.of in ("loop", "row"):
+        first, end = share.get(f"{channel.of}s", (0, 0))
     elif channel.of == "ball":
         first, end = share["balls"]
     elif (

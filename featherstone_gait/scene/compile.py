@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, cast
@@ -34,7 +34,8 @@ from .firmware import build_firmware, build_supply
 from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
 from .friction import Friction, build_friction, sticks
 from .joint_spring import build_joint_springs, build_stiffening, fold_joint_springs
-from .loop import build_loops
+from .loop import Loops as LoopTables
+from .loop import build_loops, joined_loops
 from .options import SceneOptions, check_options
 from .pairs import NOTHING, Touching, build_pairs, limited
 from .preflight import STIFF, Preflight, implicit_reason, preflight
@@ -390,16 +391,6 @@ def compile_scene(
 OPEN = "simulate the open tree with dataclasses.replace(model, loops=())"
 
 
-def _check_no_loops(models: Iterable[Model]) -> None:
-    """Raise ValueError for a robot with loops in a scene of several, or with contact between bodies."""
-    for model in models:
-        if model.loops:
-            raise ValueError(
-                f"{model.name}: loops {quoted([loop.name for loop in model.loops])} are kept closed in a scene of one "
-                f"robot without pairs; compile it alone, or {OPEN}"
-            )
-
-
 def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     """Compile one model."""
     options, ground = check_options(model, given), given.ground
@@ -438,7 +429,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         joint_springs=joint_springs,
         lifts=build_lifts(model, tree, g),
         balls=tree.balls,
-        loops=_loops(model, tree),
+        loops=_loops(build_loops(model) if model.loops else None, tree),
         stiffening=build_stiffening(model),
         tendons=with_stops(tendons, model, lines, check.tendon_inertias, options.g),
     )
@@ -481,7 +472,8 @@ def _compile_members(
     _check_drives("scene", [one.model for one in members], decisive.sampled)
     options = options._replace(gravity=members[0].scene.options.gravity)
     touching, tree = build_pairs(members, obstacles, excluded, joined_tree(members), options)
-    constants = joined_constants(members, tree)._replace(pairs=touching.table)
+    loops = joined_loops(members, tree, ())
+    constants = joined_constants(members, tree)._replace(pairs=touching.table, loops=_loops(loops, tree))
     check = joined_preflight(members, first._replace(timestep=step, named=given.integrator is not None))
     check = limited(check, touching, tree)
     if given.integrator != options.integrator:
@@ -532,14 +524,16 @@ def _implicit(options: SceneOptions) -> SceneOptions:
     return options._replace(integrator="ars343") if chosen else options
 
 
-def _loops(model: Model, tree: Tree) -> Loops | None:
-    """Return the loops for kernels, None without."""
-    if not model.loops:
+def _loops(found: LoopTables | None, tree: Tree) -> Loops | None:
+    """Return the loops for kernels, None without; of one robot with what its tree has beside the model's."""
+    if found is None:
         return None
-    found = build_loops(model)
-    parts = found.trees.copy()
-    parts.end_tendon = tree.tendons
-    return Loops(found.table, parts, np.array([found.rows]))
+    parts = found.trees
+    if tree.trees is None:
+        parts = parts.copy()
+        parts.end_tendon = tree.tendons
+    joined = True if len(found.table) > parts.end_loop[-1] else None
+    return Loops(found.table, parts, np.array([found.rows]), joined)
 
 
 def _members(models: Any, options: SceneOptions) -> list[Member]:
@@ -550,7 +544,6 @@ def _members(models: Any, options: SceneOptions) -> list[Member]:
     placed = [Placed(one) if isinstance(one, Model) else one for one in models]
     for one in placed:
         instance("model", one, Placed, "give a Model, or Placed(model, position=(x, y))")
-    _check_no_loops(one.model for one in placed)
     repeated = [name for name, times in Counter(one.name for one in placed).items() if times > 1]
     if repeated:
         raise ValueError(

@@ -24,7 +24,7 @@ from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.step.context import Scene
 from ..core.step.state import IN_STATE
 from ..core.tree.forest import TREE
-from ..model import Joint, Link, Model, Placement, Tendon
+from ..model import Joint, Link, Loop, Model, Placement, Tendon
 from ..model.placed import Placed, link_name
 from .actuator import Actuator, passive
 from .channels import Share, owned
@@ -67,14 +67,14 @@ class Member(NamedTuple):
         return self.placed.model
 
 
-def joined_model(members: Sequence[Member], name: str) -> Model:
+def joined_model(members: Sequence[Member], name: str, between: Sequence[Loop] = ()) -> Model:
     """Return one model of all members, with their names before those of their links and joints.
 
     Its root is the world, on which all roots are fixed at their places: it names links, joints and servos, and knows no
     coordinates of bases.
     """
     links, joints = [Link(WORLD)], []
-    parts: dict[str, list[Any]] = {"contacts": [], "shapes": [], "tendons": []}
+    parts: dict[str, list[Any]] = {"contacts": [], "shapes": [], "tendons": [], "loops": []}
     servos: dict[str, Any] = {}
     locked: dict[str, float] = {}
     for member in members:
@@ -87,12 +87,14 @@ def joined_model(members: Sequence[Member], name: str) -> Model:
         parts["contacts"] += [replace(one, link=named(member, one.link)) for one in _touching(member)]
         parts["shapes"] += [replace(one, link=named(member, one.link)) for one in model.shapes]
         parts["tendons"] += [_tendon_of(member, one) for one in model.tendons]
+        parts["loops"] += [_loop_of(member, one) for one in model.loops]
         servos |= {named(member, joint): servo for joint, servo in model.servos.items()}
         locked |= {named(member, joint): at for joint, at in model.locked.items()}
     supply = next((one.model.supply for one in members if one.scene.constants.supply is not None), None)
     return Model(
         name, tuple(links), tuple(joints), locked=locked, servos=servos, supply=supply,
         contacts=tuple(parts["contacts"]), shapes=tuple(parts["shapes"]), tendons=tuple(parts["tendons"]),
+        loops=(*parts["loops"], *between),
     )  # fmt: skip
 
 
@@ -111,6 +113,14 @@ def _tendon_of(member: Member, tendon: Tendon) -> Tendon:
     joints = tuple((named(member, name), c) for name, c in tendon.joints)
     path = tuple(replace(via, link=named(member, via.link)) for via in tendon.path)
     return replace(tendon, name=named(member, tendon.name), joints=joints, path=path)
+
+
+def _loop_of(member: Member, loop: Loop) -> Loop:
+    """Return a loop with the names of the scene; what a fixed robot calls the world is its root's frame."""
+    b, root = loop.b, member.model.root
+    if b is None and member.model.base == "fixed" and loop.a != root:
+        b = root
+    return replace(loop, name=named(member, loop.name), a=named(member, loop.a), b=b and named(member, b))
 
 
 def _touching(member: Member) -> tuple[Any, ...]:
@@ -148,6 +158,7 @@ class Shift(NamedTuple):
     coupling: int
     ball: int
     tendon: int
+    loop: int
 
     def workspace(self, rows: np.ndarray) -> np.ndarray:
         """Return where workspace rows after the bodies, such as slots, stand."""
@@ -157,9 +168,10 @@ class Shift(NamedTuple):
 def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
     """Return where each member's rows stand: the bodies of all, then slots, contact rows, couplings and tendons."""
     trees, found = [scene.tree for scene in scenes], []
-    body, row, joint, point, coupling, ball, tendon = 0, sum(len(tree.bodies) for tree in trees), 0, 0, 0, 0, 0
+    body, row, joint, point = 0, sum(len(tree.bodies) for tree in trees), 0, 0
+    coupling, ball, tendon, loop = 0, 0, 0, 0
     for scene, tree in zip(scenes, trees):
-        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling, ball, tendon))
+        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling, ball, tendon, loop))
         body += len(tree.bodies)
         row += tree.rows - len(tree.bodies)
         joint += tree.n
@@ -167,6 +179,7 @@ def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
         coupling += count(tree.coupling)
         ball += count(tree.balls)
         tendon += tree.tendons
+        loop += len(scene.model.loops)
     return found
 
 
@@ -219,6 +232,7 @@ def _fill_tree(row: Any, scene: CompiledScene, at: Shift) -> None:
     row.coupling, row.end_coupling = at.coupling, at.coupling + count(tree.coupling)
     row.ball, row.end_ball = at.ball, at.ball + count(tree.balls)
     row.tendon, row.end_tendon = at.tendon, at.tendon + tree.tendons
+    row.loop, row.end_loop = at.loop, at.loop + len(scene.model.loops)
     row.falls = tree.floating and tree.n > 0 and points > 0
     row.min_height, row.min_upright = max(scene.fall_height, -1e308), scene.fall_upright
     row.upright = scene.upright
@@ -442,7 +456,7 @@ def joined_preflight(members: Sequence[Member], first: Preflight) -> Preflight:
 def shares(members: Sequence[Member]) -> dict[str, Share]:
     """Return which numbers of the channels are each member's, by name."""
     found: dict[str, Share] = {}
-    at_q, positions = 0, sum(len(member.model.position_names) for member in members)
+    at_q, row, positions = 0, 0, sum(len(member.model.position_names) for member in members)
     joints = sum(member.scene.tree.n for member in members)
     for k, (member, at) in enumerate(zip(members, shifts([member.scene for member in members]))):
         points = count(member.scene.constants.contact and member.scene.constants.contact.points)
@@ -451,6 +465,10 @@ def shares(members: Sequence[Member]) -> dict[str, Share]:
             "points": [at.point, at.point + points], "of_joints": joints,
             "tendons": [at.tendon, at.tendon + member.scene.tree.tendons],
         }  # fmt: skip
+        if member.model.loops:
+            rows = sum(loop.rows for loop in member.model.loops)
+            found[member.name] |= {"loops": [at.loop, at.loop + len(member.model.loops)], "rows": [row, row + rows]}
+            row += rows
         if positions > joints:
             own = len(member.model.position_names)
             balls = [at.ball, at.ball + count(member.scene.tree.balls)]

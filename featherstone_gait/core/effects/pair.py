@@ -136,7 +136,7 @@ class Pool(NamedTuple):
     responses: np.ndarray  # (3 points, 2, bodies of the largest tree)
     roots: np.ndarray  # (3 points, 2, SIDE)
     matrix: np.ndarray  # (3 points, 3 points)
-    force: np.ndarray  # (2, 3 points)
+    force: np.ndarray  # (3, 3 points)
     # The narrow phase, one lane after the other, and the exchange of slots.
     manifold: np.ndarray  # (8, 8)
     bench: tuple  # Bench of manifold.py

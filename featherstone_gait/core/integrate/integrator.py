@@ -44,7 +44,7 @@ class Sizes(NamedTuple):
     bench: tuple | None  # Bench of the largest shapes: scratch of the narrow phase
     trees: int
     largest: int  # bodies of the largest tree
-    loops: tuple | None  # Loops of the scene
+    loops: Loops | None  # of the scene
 
 
 class Integrator(NamedTuple):
@@ -128,31 +128,35 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
         zeros((max(sizes.points, 1), CONTACT_SCRATCH)),
         zeros((sizes.bodies, 6)),
         pool_of(sizes, zeros),
-        closing_of(sizes.loops, sizes.n, sizes.balls, zeros),
+        closing_of(sizes.loops, sizes.pairs, sizes.bodies, sizes.n, sizes.balls, zeros),
     )
 
 
-def closing_of(loops: Loops | None, n: int, balls: int, zeros) -> Closing | None:
+def closing_of(loops: Loops | None, pairs: tuple | None, bodies: int, n: int, balls: int, zeros) -> Closing | None:
     """Make the scratch arrays of loops, None without."""
     if loops is None:
         return None
-    m = int(loops.rows[0])
+    m, sides = int(loops.rows[0]), 1 if loops.joined is None else 2
+    largest = int(np.max(loops.parts["end"] - loops.parts["root"]))
     return Closing(
-        zeros((m, LOOP_ROW)), zeros((m, 1, n + 1)), zeros((m, 1, SIDE)), zeros((m, m + 2)), zeros(m), zeros(m),
-        zeros((n + 1, 6)), zeros(n + 6), zeros(7 + 4 * balls),
+        rows=zeros((m, LOOP_ROW)), responses=zeros((m, sides, largest)), roots=zeros((m, sides, SIDE)),
+        matrix=zeros((m, m + 2)), cross=None if pairs is None else zeros((3 * _points(pairs), m)), force=zeros(m),
+        push=zeros(m), factors=zeros((bodies, 6)), move=zeros(n + 6), moved=zeros(7 + 4 * balls),
+        listed=np.zeros((2, m), np.int64),
     )  # fmt: skip
+
+
+def _points(pairs: Any) -> int:
+    """Return how many points and moments between bodies that can move act at once."""
+    return int(pairs.slots[1]) * (1 if pairs.turning is None else 2)
 
 
 def pool_of(sizes: Sizes, zeros) -> Pool | None:
     """Make the scratch arrays of pairs, None without."""
     if sizes.pairs is None:
         return None
-    slots, points, trees = int(sizes.pairs.slots[0]), int(sizes.pairs.slots[1]), sizes.trees
-    if sizes.pairs.turning is None:
-        per_slot = 1
-    else:
-        per_slot, points = 2, 2 * points
-    rows, placed = 3 * points, per_slot * slots
+    slots, points, trees = int(sizes.pairs.slots[0]), _points(sizes.pairs), sizes.trees
+    rows, placed = 3 * points, slots * (1 if sizes.pairs.turning is None else 2)
 
     def whole(size):
         return np.zeros(size, np.int64)
@@ -163,7 +167,7 @@ def pool_of(sizes: Sizes, zeros) -> Pool | None:
         island=whole(trees), label=zeros(trees), at_work=zeros(trees), wrong=zeros(trees), slope=zeros(trees),
         fraction=zeros(trees), shared=zeros(trees), row_point=whole(points), envelope=whole(points),
         responses=zeros((rows, 2, sizes.largest)), roots=zeros((rows, 2, SIDE)), matrix=zeros((rows, rows)),
-        force=zeros((2, rows)), old=np.zeros((slots, OLD)), **_narrow_phase(sizes, zeros),
+        force=zeros((3, rows)), old=np.zeros((slots, OLD)), **_narrow_phase(sizes, zeros),
     )  # fmt: skip
 
 

@@ -22,9 +22,9 @@ from ..tree.ball import ball_positions, ball_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
-from .closure import close_loops, place_loops
+from .closure import close_joined, close_loops, joined_by, place_loops
 from .context import of_tree
-from .newton import CJ, DIAGONAL, TAU, articulate, external_forces
+from .newton import CJ, DIAGONAL, TAU, articulate, bases_at, external_forces
 
 
 @inline
@@ -43,8 +43,7 @@ def _derivatives(trees, pairs, step, dy):
             _forces(of_tree(step, trees[k]), dy)
         if pairs is not None:
             pair_rates(pairs, step, dy)
-        for k in range(len(trees)):
-            _rates(any_present(step.scene.contact, pairs), of_tree(step, trees[k]), dy)
+        _rates_of_all(joined_by(step.scene.loops), trees, any_present(step.scene.contact, pairs), step, dy)
 
 
 @inline
@@ -72,16 +71,41 @@ def _forces(step, dy):
 
 
 @inline
+def _rates_of_all(joined, trees, contact, step, dy):
+    """Find the accelerations of all trees, one after the other unless loops join some."""
+    if joined is None:
+        for k in range(len(trees)):
+            _rates(contact, of_tree(step, trees[k]), dy)
+    else:
+        for k in range(len(trees)):
+            _articulate(contact, of_tree(step, trees[k]))
+        close_joined(joined, step.scene.loops, contact, step)
+        for k in range(len(trees)):
+            _accelerate(of_tree(step, trees[k]), dy)
+
+
+@inline
 def _rates(contact, step, dy):
     """Find the accelerations of one tree; contact None: no row of contacts is taken into account."""
+    _articulate(contact, step)
+    place_loops(step.scene.loops, bases_at(None, step), step)
+    close_loops(step.scene.loops, contact, step)
+    _accelerate(step, dy)
+
+
+@inline
+def _articulate(contact, step):
+    external_forces(step.scene.push, step.scene.lifts, step)
+    articulate(_armature(step.scene.friction, step), contact, step)
+
+
+@inline
+def _accelerate(step, dy):
+    """Do the second pass, and fill the rates of one tree."""
     scene, part, y, offsets = step.scene, step.part, step.y, step.offsets
     n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     v, a = y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
-    external_forces(scene.push, scene.lifts, step)
-    articulate(_armature(scene.friction, step), contact, step)
-    place_loops(scene.loops, bq, step)
-    close_loops(scene.loops, contact, step)
     acceleration_pass(scene.tree, part, step.W, a)
     _friction_of_acceleration(scene.friction, step, dy)
     for i in range(first, end):

@@ -9,6 +9,10 @@ a0 the accelerations without them: a system that is symmetric and positive defin
 point that does not push, W = 0, is a row of the unit matrix.  A point on a body that cannot move is folded into the
 other like one on the ground.
 
+Loops are rows beside those of the points, in one system, scaled as in tree/loop.py and eliminated first: with their
+factor F F' and the product X F' of points and loops, 1 + W' L W - X X' is left to the points.  The proximal iteration
+goes through both.  Where no point pushes, X = 0 and the loops' forces are those that a tree alone would find.
+
 Trees that touch nothing of each other are iterated each for itself, as if they were alone, and without the workspace
 rows of pairs.  In lanes an island holds the trees that touch in any of them; those that do not touch in one lane have
 labels of their own there, so that the bits of a lane do not depend on its neighbors.
@@ -16,7 +20,7 @@ labels of their own there, so that the bits of a lane do not depend on its neigh
 
 from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import any_lane, select, sqrt, width_of
-from ..compile.optional import any_present
+from ..compile.optional import any_present, if_present
 from ..effects.actuator import rotor_of
 from ..effects.contact import U0, UK, linearize_contacts, model_force, place_contacts
 from ..effects.pair import (
@@ -39,9 +43,22 @@ from ..effects.pair import (
 )
 from ..effects.tendon import lines_of, release_tendons
 from ..tree.aba import acceleration_pass
+from ..tree.forest import loops_of
+from ..tree.loop import (
+    IN_STEP,
+    apply_loop_row,
+    backward,
+    factor_rows,
+    fill_loops,
+    fill_system,
+    forward,
+    list_rows,
+    respond_loop,
+)
 from ..tree.rank_one import unbind
-from ..tree.rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, product
+from ..tree.rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, common_product
 from ..tree.spatial import load3, scale, sub
+from .closure import held_in
 from .context import of_tree, with_bodies
 from .newton import (
     BISECTIONS,
@@ -50,6 +67,7 @@ from .newton import (
     MAX_PASSES,
     acting,
     articulate,
+    bases_at,
     compare,
     descent_slope,
     external_forces,
@@ -74,7 +92,8 @@ def solve_islands(pairs, step):
         place_contacts(scene.contact, step.predicted, part)
         place_tendons_at(part)
     external_forces(scene.push, scene.lifts, step)
-    if any_lane(step.y[step.offsets.pair] > 0.0):
+    _place_joining(scene.loops, step)
+    if any_lane(step.y[step.offsets.pair] > 0.0) or _joins(scene.loops):
         place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
         find_islands(pairs, step)
     else:
@@ -83,7 +102,7 @@ def solve_islands(pairs, step):
     alone = with_bodies(step, pairs.bodies)
     for n in range(pool.count[1]):
         first = pool.first_tree[n]
-        if pool.first_point[n + 1] > pool.first_point[n]:
+        if pool.first_point[n + 1] > pool.first_point[n] or _joins(scene.loops):
             _solve_island(n, rotor_of(step.actuator), scene.contact, pairs, step)
         else:
             find_velocities(forces, rotor_of(step.actuator), scene.contact, of_tree(alone, trees[pool.trees[first]]))
@@ -113,6 +132,7 @@ def find_islands(pairs, step):
         if pair.folded == 0 and is_near(pool, c):
             a, b = _root_of(pool.parent, pair.tree_a), _root_of(pool.parent, pair.tree_b)
             pool.parent[max(a, b)] = min(a, b)
+    _join_trees(step.scene.loops, pool)
     islands = 0
     for k in range(count):  # a root comes before what hangs on it
         if pool.parent[k] == k:
@@ -140,7 +160,7 @@ def find_islands(pairs, step):
             n = pool.island[pairs.pairs[pool.pair[c]].tree_a]
             pool.first_point[n] -= 1
             pool.points[pool.first_point[n]] = c
-    _label(pairs, pool, width_of(step.y))
+    _label(pairs, step.scene.loops, pool, width_of(step.y))
 
 
 @inline
@@ -148,6 +168,20 @@ def _root_of(parent, k):
     while parent[k] != k:
         k = parent[k]
     return k
+
+
+@if_present(False)
+def _joins(loops):
+    """Return whether loops join trees."""
+    return loops.joined is not None
+
+
+@if_present()
+def _join_trees(loops, pool):
+    """Put trees that loops join into one island, whether a loop is closed or not."""
+    for c in range(len(loops.table)):
+        a, b = _root_of(pool.parent, loops.table[c].tree_a), _root_of(pool.parent, loops.table[c].tree_b)
+        pool.parent[max(a, b)] = min(a, b)
 
 
 @inline
@@ -161,7 +195,7 @@ def _ends(counts, islands):
 
 
 @inline
-def _label(pairs, pool, width):
+def _label(pairs, loops, pool, width):
     """Label trees by the island that they belong to in each lane, the number of its first tree."""
     if width > 1:
         for n in range(pool.count[1]):
@@ -175,6 +209,15 @@ def _label(pairs, pool, width):
                         on, least = pool.C[pool.points[i], ON] > 0.0, select(a < b, a, b)
                         pool.label[pair.tree_a] = select(on, least, a)
                         pool.label[pair.tree_b] = select(on, least, b)
+                _label_joined(loops, pool)
+
+
+@if_present()
+def _label_joined(loops, pool):
+    for c in range(len(loops.table)):
+        a, b = pool.label[loops.table[c].tree_a], pool.label[loops.table[c].tree_b]
+        least = select(a < b, a, b)
+        pool.label[loops.table[c].tree_a], pool.label[loops.table[c].tree_b] = least, least
 
 
 @kernel
@@ -341,7 +384,7 @@ def _advance(n, rotor, contact, pairs, step):
 
 @apart
 def _solve_rows(n, pairs, step):
-    """Find the forces of the points between bodies that can move, and let them act on the trees' solutions."""
+    """Find the forces of loops and of the points between bodies that can move, and let them act on the solutions."""
     pool, count = step.pool, 0
     for i in range(pool.first_point[n], pool.first_point[n + 1]):
         c = pool.points[i]
@@ -351,13 +394,24 @@ def _solve_rows(n, pairs, step):
                 break
             pool.row_point[count] = c
             count += 1
+    for k in range(count):
+        _respond(k, pairs, step)
     if count > 0:
-        for k in range(count):
-            _respond(k, pairs, step)
         _fill_matrix(count, pairs, step)
-        _eliminate(3 * count, pool)
-        for k in range(count):
-            _apply(k, pairs, step)
+    _solve_system(step.scene.loops, n, count, pairs, step)
+    for k in range(count):
+        _apply(k, pairs, step)
+
+
+@inline
+def _solve_system(loops, n, count, pairs, step):
+    """Solve for the forces of the points; of loops, if there are any, they act already."""
+    if loops is None:
+        if count > 0:
+            _factor(3 * count, step.pool)
+            _substitute(3 * count, step.pool)
+    else:
+        _solve_with_loops(loops, n, count, pairs, step)
 
 
 @inline
@@ -412,7 +466,7 @@ def _fill_matrix(count, pairs, step):
         pool.envelope[i] = i
         for j in range(i + 1):
             q = _pair_of(j, pairs, pool)
-            if _touch(p, q):
+            if _touch(p, q) or _linked(step.scene.loops, p, q, pool):
                 pool.envelope[i] = min(pool.envelope[i], j)
                 _fill_block(i, j, p, q, step)
             elif pool.envelope[i] < j:
@@ -425,6 +479,12 @@ def _fill_matrix(count, pairs, step):
 def _touch(p, q):
     """Return whether two pairs have a tree in common."""
     return p.tree_a == q.tree_a or p.tree_a == q.tree_b or p.tree_b == q.tree_a or p.tree_b == q.tree_b
+
+
+@if_present(False)
+def _linked(loops, p, q, pool):
+    """Return whether loops may couple two pairs of one island that have no tree in common."""
+    return loops.joined is not None
 
 
 @inline
@@ -448,36 +508,18 @@ def _fill_right(k, pairs, step):
         pool.force[1, 3 * k + m] = f[m]
 
 
-@inline
-def _sides(p, q, r, s, step):
-    """Return J_r A^-1 J_s' of rows of the pairs p and q, summed over the trees that both act on."""
-    pool, tree, W = step.pool, step.scene.tree, step.W
-    total = 0.0 * W[0, 0]
-    a = step.scene.trees[p.tree_a]
-    if p.tree_a == q.tree_a:
-        total = total + product(a, tree, r, 0, s, 0, W, pool.responses, pool.roots)
-    if q.tree_b != q.tree_a and p.tree_a == q.tree_b:
-        total = total + product(a, tree, r, 0, s, 1, W, pool.responses, pool.roots)
-    if p.tree_b != p.tree_a:
-        b = step.scene.trees[p.tree_b]
-        if p.tree_b == q.tree_a:
-            total = total + product(b, tree, r, 1, s, 0, W, pool.responses, pool.roots)
-        if q.tree_b != q.tree_a and p.tree_b == q.tree_b:
-            total = total + product(b, tree, r, 1, s, 1, W, pool.responses, pool.roots)
-    return total
-
-
 @kernel
 def _fill_block(i, j, p, q, step):
     """Fill the block of points i and j: L adds to the right side, then W_i' L W_j takes its place."""
     pool, C = step.pool, step.pool.C
     r, s, c, d = 3 * i, 3 * j, pool.row_point[i], pool.row_point[j]
+    tree, trees, found = step.scene.tree, step.scene.trees, (pool.responses, pool.roots)
     for m in range(3):
         for l in range(3):
             if i == j and l > m:
                 pool.matrix[r + m, s + l] = 0.0
             else:
-                x = _sides(p, q, r + m, s + l, step)
+                x = common_product(tree, trees, (p, r + m), found, (q, s + l), found, step.W)
                 pool.matrix[r + m, s + l] = x
                 pool.force[0, r + m] += x * pool.force[1, s + l]
                 if i != j or l != m:
@@ -512,11 +554,12 @@ def _scale_right(k, pool):
 
 
 @kernel
-def _eliminate(n, pool):
-    """Solve by Cholesky's factors within the envelope (A. George, J. W. Liu, Computer Solution of Large Sparse Positive
-    Definite Systems, 1981, chapter 4); force[0] turns into the solution, the diagonal into its factors' reciprocals.
+def _factor(n, pool):
+    """Replace the matrix by Cholesky's factor within the envelope, whose diagonal is kept inverted.
+
+    A. George, J. W. Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4.
     """
-    A, x, envelope = pool.matrix, pool.force[0], pool.envelope
+    A, envelope = pool.matrix, pool.envelope
     for i in range(n):
         first = 3 * envelope[i // 3]
         for j in range(first, i + 1):
@@ -527,8 +570,15 @@ def _eliminate(n, pool):
                 A[i, j] = total * A[j, j]
             else:
                 A[i, i] = 1.0 / sqrt(total)
+
+
+@kernel
+def _substitute(n, pool):
+    """Turn force[0] into the solution by the factor."""
+    A, x, envelope = pool.matrix, pool.force[0], pool.envelope
+    for i in range(n):
         total = x[i]
-        for k in range(first, i):
+        for k in range(3 * envelope[i // 3], i):
             total = total - A[i, k] * x[k]
         x[i] = total * A[i, i]
     for m in range(n):
@@ -536,6 +586,122 @@ def _eliminate(n, pool):
         x[i] = x[i] * A[i, i]
         for k in range(3 * envelope[i // 3], i):
             x[k] = x[k] - A[i, k] * x[i]
+
+
+# ---------------------------------------------------------------------------------------------- loops among the rows
+
+
+@if_present()
+def _place_joining(loops, step):
+    """Fill the rows of loops that join trees, when the bodies of all stand in W."""
+    if loops.joined is not None:
+        own, count = loops.parts[len(loops.parts) - 1].end_loop, len(loops.table)
+        held, bases = held_in(loops, step.offsets, step.y), bases_at(step.predicted, step)
+        fill_loops(loops.table, (own, count), held, step.scene.gravity, bases, step.W, step.closing.rows)
+
+
+@inline
+def _list_loops(loops, n, step):
+    """List the rows of the loops of an island, those of each tree and then those that join trees; return the count."""
+    pool, listed, count = step.pool, step.closing.listed, 0
+    for i in range(pool.first_tree[n], pool.first_tree[n + 1]):
+        first, end = loops_of(loops.parts[pool.trees[i]])
+        for c in range(first, end):
+            count = list_rows(loops.table, c, count, listed)
+    for c in range(loops.parts[len(loops.parts) - 1].end_loop, len(loops.table)):
+        if pool.island[loops.table[c].tree_a] == n:
+            count = list_rows(loops.table, c, count, listed)
+    return count
+
+
+@kernel
+def _solve_with_loops(loops, n, count, pairs, step):
+    """Solve for the forces of loops, which then act on the trees, and of the points."""
+    pool, work, scene, W = step.pool, step.closing, step.scene, step.W
+    m, listed, lines = _list_loops(loops, n, step), work.listed, lines_of(scene.tendons)
+    found, L = (work.responses, work.roots), work.matrix[:m]
+    for i in range(m):
+        k = loops.table[listed[1, i]]
+        if listed[0, i] == k.first:
+            respond_loop(scene, loops.parts, True, k, lines, W, work.rows, work.responses, work.roots)
+    fill_system(scene.tree, loops.parts, loops.table, m, listed, W, work.rows, found, L, work.force)
+    _cross(loops, m, count, pairs, step)
+    factor_rows(L, IN_STEP)
+    _leave_to_points(loops, L, m, count, pairs, step)
+    if count > 0:
+        _factor(3 * count, pool)
+    _iterate(L, m, count, step)
+    for i in range(m):
+        r, k = listed[0, i], loops.table[listed[1, i]]
+        apply_loop_row(scene.tree, loops.parts, k, r, work.force[r], W, work.responses, work.roots)
+        step.y[step.offsets.loop_force + r] = work.force[r]
+
+
+@inline
+def _cross(loops, m, count, pairs, step):
+    """Fill the products of points and loops, of which those by the points' first forces add to the loops' motion."""
+    pool, work, listed = step.pool, step.closing, step.closing.listed
+    found, others = (pool.responses, pool.roots), (work.responses, work.roots)
+    for i in range(count):
+        p = _pair_of(i, pairs, pool)
+        for l in range(m):
+            k, r = loops.table[listed[1, l]], listed[0, l]
+            for t in range(3):
+                x = common_product(step.scene.tree, loops.parts, (p, 3 * i + t), found, (k, r), others, step.W)
+                work.cross[3 * i + t, l] = x
+                work.force[r] = work.force[r] + x * pool.force[1, 3 * i + t]
+
+
+@inline
+def _leave_to_points(loops, L, m, count, pairs, step):
+    """Fill X, by the points' slopes and the inverse of the loops' factor; take X X' from the matrix of the points."""
+    pool, X = step.pool, step.closing.cross
+    for i in range(count):
+        c, r = pool.row_point[i], 3 * i
+        for l in range(m):
+            x, y, z = X[r, l] * L[l, m], X[r + 1, l] * L[l, m], X[r + 2, l] * L[l, m]
+            X[r, l] = pool.C[c, FACTOR] * x
+            X[r + 1, l] = pool.C[c, FACTOR + 1] * y + pool.C[c, FACTOR + 2] * z
+            X[r + 2, l] = pool.C[c, FACTOR + 3] * z
+        for t in range(3):
+            forward(L, m, X[r + t])
+        for j in range(i + 1):
+            if pool.envelope[i] <= j:
+                for t in range(3):
+                    for s in range(3 if j < i else t + 1):
+                        for l in range(m):
+                            pool.matrix[r + t, 3 * j + s] -= X[r + t, l] * X[3 * j + s, l]
+
+
+@inline
+def _iterate(L, m, count, step):
+    """Solve by the proximal iteration of tree/loop.py for force[0] of the points and the forces of the loops."""
+    pool, work, (compliance, rounds) = step.pool, step.closing, IN_STEP
+    X, z, right = work.cross, work.push, pool.force[2]
+    for l in range(m):
+        L[l, m + 1] = -work.force[work.listed[0, l]] * L[l, m]
+        z[l] = 0.0
+    for i in range(3 * count):
+        right[i] = pool.force[0, i]
+    for _ in range(rounds):
+        for l in range(m):
+            z[l] = L[l, m + 1] + compliance * z[l]
+        forward(L, m, z)
+        for i in range(3 * count):  # the points' are the solution for the opposite right side
+            total = right[i]
+            for l in range(m):
+                total = total + X[i, l] * z[l]
+            pool.force[0, i] = total
+        _substitute(3 * count, pool)
+        for l in range(m):
+            for i in range(3 * count):
+                z[l] = z[l] + X[i, l] * pool.force[0, i]
+        backward(L, m, z)
+    for l in range(m):
+        work.force[work.listed[0, l]] = z[l] * L[l, m]
+
+
+# ---------------------------------------------------------------------------------------------- their forces
 
 
 @kernel

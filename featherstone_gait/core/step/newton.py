@@ -26,7 +26,7 @@ what is compared knows them.
 from ..compile.by_type import overridable
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
-from ..compile.optional import any_present, item_or_zero, only_if, plus_item
+from ..compile.optional import any_present, item_or_zero, only_if, plus_item, slice_if
 from ..effects.actuator import actuator_force, rotor_of
 from ..effects.contact import (
     FLOOR,
@@ -201,12 +201,21 @@ def predict(predicted, rotor, step):
         move_balls(scene.balls, part, y[offsets.ball_q :], predicted[n : 2 * n], step.h_implicit, ball_q)
         motion = Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a, ball_q)
         motion_pass(scene.tree, part, scene.gravity, motion, step.W)
-    place_loops(scene.loops, bq, step)
+    place_loops(scene.loops, bases_at(predicted, step), step)
     for i in range(first, end):
         Z[VK, i] = Z[VP, i]
         if rotor is not None:
             Z[WK, i] = y[offsets.rotor_speed + i]
     _begin_friction(scene.friction, step)
+
+
+@inline
+def bases_at(predicted, step):
+    """Return the positions of all bases (7 bases,) of which W holds the poses; None if none has any."""
+    scene = step.scene
+    if predicted is None:
+        return slice_if(scene.floating, step.y, step.offsets.base_q, 7 * base_count(scene.trees))
+    return slice_if(scene.floating, predicted, 2 * joint_count(scene.trees, scene.tree), 7 * base_count(scene.trees))
 
 
 @overridable

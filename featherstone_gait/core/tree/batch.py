@@ -95,7 +95,7 @@ def loop_rows(robot, loops, motion, W, rows, measures, base_J, J):
     for i in range(len(measures)):
         at = _row(motion, i)
         motion_pass(robot.tree, None, robot.gravity, at, W[0])
-        fill_loops(loop, held, robot.gravity, at.base_q, W[0], rows)
+        fill_loops(loop, (0, len(loop)), held, robot.gravity, at.base_q, W[0], rows)
         for r in range(len(rows)):
             measures[i, 0, r] = rows[r, GAP]
             measures[i, 1, r] = rows[r, SPEED]
@@ -108,20 +108,21 @@ def closed_rows(robot, loops, motion, given, scratch, out):
     """Compute the accelerations of robots whose loops stay closed.
 
     loops: (1,) TREE, LOOP and what is `held` of `fill_loops`; given: base_tau (n, 6), tau (n, joints), wrench
-    (n, bodies, 6); scratch: W, rows, responses, roots and L of `close`; out: base_qdd (n, 6), qdd (n, joints) and the
+    (n, bodies, 6); scratch: W, rows and that of `close`; out: base_qdd (n, 6), qdd (n, joints) and the
     forces (n, m) to fill.
     """
     (trees, loop, held), (base_tau, tau, wrench), (base_qdd, qdd, forces) = loops, given, out
-    W, rows, responses, roots, L = scratch
+    W, rows, responses, roots, L, listed = scratch
     part = trees[0]
     for i in range(len(tau)):
         at = _row(motion, i)
         motion_pass(robot.tree, None, robot.gravity, at, W[0])
-        fill_loops(loop, held, robot.gravity, at.base_q, W[0], rows)
+        fill_loops(loop, (0, len(loop)), held, robot.gravity, at.base_q, W[0], rows)
         push = item(wrench, i)
         articulated_pass(robot.tree, part, at.base_q, item(base_tau, i), tau[i], robot.armature, push, None, W[0])
         constrain(robot.coupling, part, at.base_q, None, robot.tree, W[0])
-        close(robot, part, None, loop, None, EXACT, W[0], rows, (responses, roots, L), forces[i])
+        found = responses, roots, L, listed
+        close(robot, trees, (0, len(loop)), None, loop, None, EXACT, W[0], rows, found, forces[i])
         acceleration_pass(robot.tree, part, W[0], qdd[i])
         base_acceleration(0, item(base_qdd, i), W[0])
 

@@ -26,6 +26,8 @@ TREE = record(
     end_ball=int,
     tendon=int,  # first tendon
     end_tendon=int,
+    loop=int,  # first loop, of those that join no other tree
+    end_loop=int,
     falls=int,  # 1 = it can fall
     min_height=float,  # of the center of mass over the ground, along its normal [m]; below it the robot has fallen
     min_upright=float,  # cosine of the base's tilt; below it the robot has fallen
@@ -83,6 +85,12 @@ def tendons_of(part, tendons):
     if part is None:
         return 0, len(tendons)
     return part.tendon & LARGEST, part.end_tendon & LARGEST
+
+
+@inline
+def loops_of(part):
+    """Return the first loop of a tree that joins no other, and the one after the last."""
+    return part.loop & LARGEST, part.end_loop & LARGEST
 
 
 @inline

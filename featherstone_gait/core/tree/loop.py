@@ -10,17 +10,20 @@ so L f = -(J a0 + Jdot qd) with L = J M^-1 J', by unit forces in the factors of 
 scaled to a unit diagonal of L and the system is solved with a small compliance, several times, each from the forces
 of the last (the proximal method of multipliers): redundant rows share their force, and a posture in which rows
 depend on each other is no exception.
+
+A loop may join two trees, each of which has a common frame of its own: the point on body b and what acts there are in
+that of its tree.
 """
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import select, sqrt
 from ..compile.structure import record
 from .coupling import DA
-from .forest import rows_of
+from .forest import base_index, rows_of
 from .joint import accelerate, along
 from .layout import DINV, A, P, R, U, V
-from .rank_one import unbind
-from .rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, product
+from .rank_one import release_rows, unbind
+from .rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, common_product
 from .spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub
 
 CONNECT, WELD, HINGE, DISTANCE = 0, 1, 2, 3
@@ -30,6 +33,8 @@ LOOP = record(
     first=int,  # its first row
     a=int,  # row of the first body
     b=int,  # row of the second body; WORLD for the world of a floating base
+    tree_a=int,  # numbers of their trees; that of both for the world
+    tree_b=int,
     pa=(float, 3),  # point in the frame of body a [m]
     Ea=(float, 9),  # frame -> body a, row by row; of a hinge z is the axis
 )
@@ -44,7 +49,7 @@ PLACE = 13
 # Columns of a row.
 D = 0  # 3: direction of force or moment on body a
 PA = 3  # 3: point on body a [m]
-PB = 6  # 3: point on body b [m]
+PB = 6  # 3: point on body b, in the frame of its tree [m]
 GAP = 9  # [m or rad]
 SPEED = 10  # [m/s or rad/s]
 BIAS = 11  # [m/s^2 or rad/s^2]
@@ -60,23 +65,24 @@ SHORTEST = 1e-12  # distance of two points that still has a direction [m]
 
 
 @kernel
-def fill_loops(loop, held, gravity, base_q, W, rows):
-    """Fill the rows (m, SIZE) of all loops; call it after `motion_pass` without accelerations.
+def fill_loops(loop, span, held, gravity, bases, W, rows):
+    """Fill the rows (m, SIZE) of the loops of a span, first and end; call it after `motion_pass` without accelerations.
 
     loop (loops,) LOOP; held: 1 of each that is closed (loops,), and their places (loops * PLACE,); gravity (3,)
-    [m/s^2]; base_q (7,) of a floating base or None.
+    [m/s^2]; bases (7 trees,): positions of all bases, None where none has any.
     """
     (closed, places), zero = held, 0.0 * W[0, P]
-    for c in range(len(loop)):
+    for c in range(span[0], span[1]):
         k, at = loop[c], PLACE * c
-        xa, xb = _point(base_q, k.a, k.pa, W), _point(base_q, k.b, _three(places, at), W)
+        xa, xb = _point(bases, k.tree_a, k.a, k.pa, W), _point(bases, k.tree_b, k.b, _three(places, at), W)
+        x = sub(xa, _from_b(bases, k, xb))
         for t in range(row_count(k.kind)):
             rows[k.first + t, ON] = closed[c] + zero
         if k.kind == DISTANCE:
-            _fill_rod(k, places[at + LENGTH], xa, xb, _moving(k, gravity, xa, xb, W), rows)
+            _fill_rod(k, places[at + LENGTH], x, xa, xb, _moving(k, gravity, xa, xb, W), rows)
         else:
             turning, moving = _relative(k, gravity, xa, xb, W)
-            _fill_three(k.first, xa, xb, sub(xa, xb), moving, rows)
+            _fill_three(k.first, xa, xb, x, moving, rows)
             if k.kind == WELD:
                 _fill_three(k.first + 3, xa, xb, _turn(_axes(k.a, k.Ea, W), _frame(k, places, at, W)), turning, rows)
             elif k.kind == HINGE:
@@ -108,15 +114,24 @@ def _axes(i, E, W):
 
 
 @inline
-def _point(base_q, i, r, W):
-    """Return the point r of body i, common frame."""
+def _point(bases, tree, i, r, W):
+    """Return the point r of body i of a tree, common frame."""
     zero = 0.0 * W[0, P]
     at = (r[0] + zero, r[1] + zero, r[2] + zero)
     if i >= 0:
         at = add(load3(W, i, P), rotate(load9(W, i, R), at))
-    elif base_q is not None:
-        at = sub(at, (base_q[0], base_q[1], base_q[2]))
+    elif bases is not None:
+        at = sub(at, _three(bases, 7 * tree))
     return at
+
+
+@inline
+def _from_b(bases, k, x):
+    """Return a point in the frame of the tree of body b in that of body a."""
+    if bases is not None:
+        if k.tree_a != k.tree_b:
+            x = add(x, sub(_three(bases, 7 * k.tree_b), _three(bases, 7 * k.tree_a)))
+    return x
 
 
 @inline
@@ -200,9 +215,8 @@ def _fill_axis(r, t, k, Rb, xa, xb, turning, W, rows):
 
 
 @inline
-def _fill_rod(k, length, xa, xb, moving, rows):
+def _fill_rod(k, length, x, xa, xb, moving, rows):
     v, a = moving
-    x = sub(xa, xb)
     size = sqrt(dot(x, x))
     inverse = 1.0 / select(size > SHORTEST, size, SHORTEST)
     d = scale(x, inverse)
@@ -212,16 +226,16 @@ def _fill_rod(k, length, xa, xb, moving, rows):
 
 
 @kernel
-def take_place(loop, c, base_q, W, places):
+def take_place(loop, c, bases, W, places):
     """Let the place of loop c be that where it is now."""
     k, at = loop[c], PLACE * c
-    x, Ra = _point(base_q, k.a, k.pa, W), _axes(k.a, k.Ea, W)
+    x, Ra = _point(bases, k.tree_a, k.a, k.pa, W), _axes(k.a, k.Ea, W)
     if k.kind == DISTANCE:
-        d = sub(x, _point(base_q, k.b, _three(places, at), W))
+        d = sub(x, _from_b(bases, k, _point(bases, k.tree_b, k.b, _three(places, at), W)))
         places[at + LENGTH] = sqrt(dot(d, d))
     elif k.b >= 0:
         Rb = load9(W, k.b, R)
-        p = rotate_back(Rb, sub(x, load3(W, k.b, P)))
+        p = rotate_back(Rb, sub(x, _from_b(bases, k, load3(W, k.b, P))))
         for i in range(3):
             places[at + POINT + i] = p[i]
             e = rotate_back(Rb, (Ra[i], Ra[3 + i], Ra[6 + i]))
@@ -232,8 +246,8 @@ def take_place(loop, c, base_q, W, places):
             places[at + FRAME + i] = Ra[i]
         for i in range(3):
             places[at + POINT + i] = x[i]
-            if base_q is not None:
-                places[at + POINT + i] += base_q[i]
+            if bases is not None:
+                places[at + POINT + i] += bases[7 * k.tree_a + i]
 
 
 @inline
@@ -290,70 +304,147 @@ def _add_end(tree, i, t, d, x, r, W, base_J, J):
 
 
 @kernel
-def close(robot, part, contact, loop, lines, softness, W, rows, scratch, force):
-    """Let forces of the loops act on the solution that the first pass and the couplings have left.
+def close(robot, parts, span, contact, loop, lines, softness, W, rows, scratch, force):
+    """Let forces of the loops of a span act on the solutions that the first pass and the couplings have left.
 
-    part: TREE; contact: as the first pass had it; lines: records of what rank_one.py has bound to the factors, or None;
-    softness: EXACT or IN_STEP; rows as `fill_loops` has filled them;
-    scratch: responses (m, 1, n + 1), roots (m, 1, 12), L (m, m + 2); force (m,) [N or N m] becomes the force or moment
-    of each row on body a along its direction.
+    parts: TREE of all trees; span: first loop and the one after the last; contact: as the first pass had it; lines:
+    records of what rank_one.py has bound to the factors, or None; softness: EXACT or IN_STEP; rows as `fill_loops` has
+    filled them; scratch: responses (m, sides, bodies), roots (m, sides, 12), L (m, m + 2), of all rows, and `listed`
+    (2, m); force (m,) [N or N m] becomes the force or moment of each row on body a along its direction.
     """
-    (responses, roots, L), m, tree = scratch, len(force), robot.tree
-    for c in range(len(loop)):
-        k = loop[c]
-        for t in range(row_count(k.kind)):
-            r = k.first + t
-            clear_row(part, tree, r, 0, responses, roots)
-            d = load3(rows, r, D)
-            if k.a == k.b:  # what is between moves as one
-                d = scale(d, 0.0)
-            back = scale(d, -1.0)
-            if t >= 3:
-                add_moment(tree, part, k.a, d, r, 0, W, responses, roots)
-                if k.b >= 0:
-                    add_moment(tree, part, k.b, back, r, 0, W, responses, roots)
-            else:
-                add_force(tree, part, k.a, load3(rows, r, PA), d, r, 0, W, responses, roots)
-                if k.b >= 0:
-                    add_force(tree, part, k.b, load3(rows, r, PB), back, r, 0, W, responses, roots)
-    answer_root(robot, part, contact, 0, m, 0, W, responses, roots)
-    unbind(lines, tree, part, 0, m, 0, W, responses, roots)
-    for r in range(m):
-        for s in range(r + 1):
-            L[r, s] = product(part, tree, r, 0, s, 0, W, responses, roots)
-        force[r] = acceleration_along(part, tree, r, 0, W, responses, roots) + rows[r, BIAS]
-    factor_rows(L, rows, _most(part, tree, rows, W), softness)
-    solve_rows(L, softness, force)
-    for r in range(m):
-        apply_row(part, tree, r, 0, force[r], W, responses, roots)
+    (responses, roots, L, listed), count, begin = scratch, 0, loop[span[0]].first
+    for c in range(span[0], span[1]):
+        count = list_rows(loop, c, count, listed)
+        respond_loop(robot, parts, contact, loop[c], lines, W, rows, responses, roots)
+    L = L[begin : begin + count]
+    fill_system(robot.tree, parts, loop, count, listed, W, rows, (responses, roots), L, force)
+    own = force[begin : begin + count]
+    factor_rows(L, softness)
+    solve_rows(L, softness, own)
+    for r in range(count):
+        apply_loop_row(robot.tree, parts, loop[listed[1, r]], begin + r, own[r], W, responses, roots)
 
 
 @inline
-def _most(part, tree, rows, W):
+def span_rows(loop, span):
+    """Return the first row of a span of loops, and the one after the last."""
+    last = loop[span[1] - 1]
+    return loop[span[0]].first, last.first + row_count(last.kind)
+
+
+@inline
+def release_loops(lines, tree, parts, loop, span, W, responses, roots):
+    """Take what rank_one.py has bound once more from rows, for a solution made of them."""
+    for c in range(span[0], span[1]):
+        k = loop[c]
+        release_rows(lines, tree, parts[k.tree_a], k.first, row_count(k.kind), 0, W, responses, roots)
+        if k.tree_a != k.tree_b:
+            release_rows(lines, tree, parts[k.tree_b], k.first, row_count(k.kind), 1, W, responses, roots)
+
+
+@inline
+def list_rows(loop, c, count, listed):
+    """Add the rows of loop c to a list that has `count` of them; return how many it has then.
+
+    listed (2, m): numbers of rows, and of their loops.
+    """
+    for t in range(row_count(loop[c].kind)):
+        listed[0, count], listed[1, count] = loop[c].first + t, c
+        count += 1
+    return count
+
+
+@inline
+def _side_b(k):
+    """Return the side of a loop's rows that body b is on."""
+    if k.tree_a == k.tree_b:
+        return 0
+    return 1
+
+
+@kernel
+def respond_loop(robot, parts, contact, k, lines, W, rows, responses, roots):
+    """Fill the responses of the trees to unit forces along the rows of a loop."""
+    tree, a, b, side, count = robot.tree, parts[k.tree_a], parts[k.tree_b], _side_b(k), row_count(k.kind)
+    for t in range(count):
+        r = k.first + t
+        clear_row(a, tree, r, 0, responses, roots)
+        if side == 1:
+            clear_row(b, tree, r, 1, responses, roots)
+        d = load3(rows, r, D)
+        if k.a == k.b:  # what is between moves as one
+            d = scale(d, 0.0)
+        back = scale(d, -1.0)
+        if t >= 3:
+            add_moment(tree, a, k.a, d, r, 0, W, responses, roots)
+            if k.b >= 0:
+                add_moment(tree, b, k.b, back, r, side, W, responses, roots)
+        else:
+            add_force(tree, a, k.a, load3(rows, r, PA), d, r, 0, W, responses, roots)
+            if k.b >= 0:
+                add_force(tree, b, k.b, load3(rows, r, PB), back, r, side, W, responses, roots)
+    answer_root(robot, a, contact, k.first, count, 0, W, responses, roots)
+    unbind(lines, tree, a, k.first, count, 0, W, responses, roots)
+    if side == 1:
+        answer_root(robot, b, contact, k.first, count, 1, W, responses, roots)
+        unbind(lines, tree, b, k.first, count, 1, W, responses, roots)
+
+
+@kernel
+def fill_system(tree, parts, loop, count, listed, W, rows, found, L, e):
+    """Fill the lower triangle of L (count, at least count + 1) of listed rows and their accelerations e, of all rows.
+
+    Column `count` of L takes the least diagonal of a row that does anything; found: responses and roots.
+    """
+    (responses, roots), least = found, 0.0 * W[0, P]
+    for r in range(count):
+        at, k = listed[0, r], loop[listed[1, r]]
+        for s in range(r + 1):
+            L[r, s] = common_product(tree, parts, (k, at), found, (loop[listed[1, s]], listed[0, s]), found, W)
+        e[at] = acceleration_along(parts[k.tree_a], tree, at, 0, W, responses, roots)
+        if k.tree_a != k.tree_b:
+            e[at] = e[at] + acceleration_along(parts[k.tree_b], tree, at, 1, W, responses, roots)
+        e[at] = e[at] + rows[at, BIAS]
+        if at == k.first:
+            least = IMMOVABLE * _most(tree, parts, k, rows, W)
+        L[r, len(L)] = select(rows[at, ON] > 0.0, least, 1e300 + 0.0 * least)
+
+
+@inline
+def _most(tree, parts, k, rows, W):
     """Return what a unit force with the longest lever could do to a joint, as a diagonal of L [1/kg]."""
-    root, end = rows_of(part, tree)
-    most, far = 0.0 * rows[0, GAP], 0.0 * rows[0, GAP]
-    for r in range(len(rows)):
+    most, far = 0.0 * rows[k.first, GAP], 0.0 * rows[k.first, GAP]
+    for r in range(k.first, k.first + row_count(k.kind)):
         for at in (PA, PB):
             x = load3(rows, r, at)
             square = dot(x, x)
             far = select(square > far, square, far)
-    for i in range(root + 1, end):
-        p = load3(W, i, P)
-        reach = W[i, DINV] * (1.0 + far + dot(p, p))
-        most = select(reach > most, reach, most)
+    for number in (k.tree_a, k.tree_b):
+        root, end = rows_of(parts[number], tree)
+        for i in range(root + 1, end):
+            p = load3(W, i, P)
+            reach = W[i, DINV] * (1.0 + far + dot(p, p))
+            most = select(reach > most, reach, most)
     return most
 
 
 @inline
-def factor_rows(L, rows, most, softness):
-    """Factor the lower triangle of L (m, m + 2), scaled to a unit diagonal, with the compliance; column m: the scale.
+def apply_loop_row(tree, parts, k, r, f, W, responses, roots):
+    """Let the force f of a row of loop k act on the solutions of its trees."""
+    apply_row(parts[k.tree_a], tree, r, 0, f, W, responses, roots)
+    if k.tree_a != k.tree_b:
+        apply_row(parts[k.tree_b], tree, r, 1, f, W, responses, roots)
 
-    most: what a row could have on the diagonal at most; one that has nothing of it does nothing, nor does an open one.
+
+@inline
+def factor_rows(L, softness):
+    """Factor the lower triangle of L (m, m + 2 or more), scaled to a unit diagonal, with the compliance.
+
+    Column m: the least diagonal of a row that does anything, which the scale replaces; 0 of one that does nothing.
     """
     m, (compliance, _) = len(L), softness
     for r in range(m):
-        movable = (L[r, r] > IMMOVABLE * most) & (rows[r, ON] > 0.0)
+        movable = L[r, r] > L[r, m]
         L[r, m] = select(movable, 1.0 / sqrt(select(movable, L[r, r], 1.0)), 0.0)
     for r in range(m):
         for s in range(r + 1):
@@ -372,7 +463,8 @@ def solve_rows(L, softness, x):
     for _ in range(rounds):
         for r in range(m):
             x[r] = L[r, m + 1] + compliance * x[r]
-        _substitute(L, m, x)
+        forward(L, m, x)
+        backward(L, m, x)
     for r in range(m):
         x[r] = x[r] * L[r, m]
 
@@ -392,11 +484,17 @@ def _factor(L, m):
 
 
 @inline
-def _substitute(L, m, x):
+def forward(L, m, x):
+    """Solve F y = x with the factor F; y replaces x."""
     for r in range(m):
         for k in range(r):
             x[r] = x[r] - L[r, k] * x[k]
         x[r] = x[r] * L[r, r]
+
+
+@inline
+def backward(L, m, x):
+    """Solve F' y = x."""
     for t in range(m):
         r = m - 1 - t
         for k in range(r + 1, m):
@@ -413,27 +511,43 @@ def keep_factors(part, tree, W, factors):
     root, end = rows_of(part, tree)
     for i in range(root + 1, end):
         for k in range(6):
-            factors[i - root, k] = W[i, U + k]
+            factors[i, k] = W[i, U + k]
 
 
 @kernel
-def move_by(part, tree, force, scratch, W, out):
-    """Fill out (n,) with the move M^-1 J' f of the joints, of `force` (m,) and the factors that `close` has used.
+def move_by(part, tree, loop, span, force, scratch, W, out):
+    """Fill out (n,) with the move M^-1 J' f of a tree's joints, of forces (m,) of the loops of a span.
 
     The move of the base is left in the columns U of the root, as `acceleration_pass` leaves an acceleration;
     scratch: responses and roots of `close`, and the factors that `keep_factors` has kept.
     """
-    (responses, roots, factors), (root, end), m = scratch, rows_of(part, tree), len(force)
+    (responses, roots, factors), (root, end) = scratch, rows_of(part, tree)
     for k in range(6):
         total = 0.0 * W[root, P]
-        for r in range(m):
-            total = total + force[r] * roots[r, 0, DA + k]
+        for c in range(span[0], span[1]):
+            side = side_of(part, loop[c])
+            if side >= 0:
+                for r in range(loop[c].first, loop[c].first + row_count(loop[c].kind)):
+                    total = total + force[r] * roots[r, side, DA + k]
         W[root, U + k] = total
     for i in range(root + 1, end):
         b, u = tree[i], 0.0 * W[i, P]
-        for r in range(m):
-            u = u + force[r] * responses[r, 0, i - root]
+        for c in range(span[0], span[1]):
+            side = side_of(part, loop[c])
+            if side >= 0:
+                for r in range(loop[c].first, loop[c].first + row_count(loop[c].kind)):
+                    u = u + force[r] * responses[r, side, i - root]
         dn, df = load3(W, b.parent, U), load3(W, b.parent, U + 3)
-        a = (u - (dot(load3(factors, i - root, 0), dn) + dot(load3(factors, i - root, 3), df))) * W[i, DINV]
+        a = (u - (dot(load3(factors, i, 0), dn) + dot(load3(factors, i, 3), df))) * W[i, DINV]
         out[b.dof] = a
         accelerate(b, i, dn, df, a, W)
+
+
+@inline
+def side_of(part, k):
+    """Return the side of a loop's rows that is a tree's, -1 if none is."""
+    if k.tree_a == base_index(part):
+        return 0
+    if k.tree_b == base_index(part):
+        return 1
+    return -1

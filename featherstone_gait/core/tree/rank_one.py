@@ -116,11 +116,11 @@ def unbind(lines, tree, part, first, count, side, W, responses, roots):
 
 
 @inline
-def release_rows(lines, tree, part, count, side, W, responses, roots):
+def release_rows(lines, tree, part, first, count, side, W, responses, roots):
     """Take P of all rows once more from `count` rows of rows.py, in reverse order, for a solution made of them."""
     if lines is not None:
         begin, end = tendons_of(part, lines)
-        for r in range(count):
+        for r in range(first, first + count):
             for k in range(end - begin):
                 c = end - 1 - k
                 _unbind(tree, part, (lines[c].row, lines[c].column), r, side, W, responses, roots)

@@ -99,14 +99,38 @@ def _uncouple(coupling, part, tree, first, count, side, W, responses, roots):
 
 
 @kernel
-def product(part, tree, r, a, s, b, W, responses, roots):
-    """Return J_r A^-1 J_s' [1/kg] of the side a of row r and the side b of row s, which act on one tree."""
-    root, end = rows_of(part, tree)
+def product(part, tree, r, a, s, b, W, found, others):
+    """Return J_r A^-1 J_s' [1/kg] of the side a of row r and the side b of row s, which act on one tree.
+
+    found, others: responses and roots of the one row and of the other.
+    """
+    (responses, roots), (its_responses, its_roots), (root, end) = found, others, rows_of(part, tree)
     total = 0.0 * W[root, DINV]
     for i in range(1, end - root):
-        total = total + responses[r, a, i] * responses[s, b, i] * W[root + i, DINV]
+        total = total + responses[r, a, i] * its_responses[s, b, i] * W[root + i, DINV]
     for k in range(6):
-        total = total - roots[r, a, ROOT + k] * roots[s, b, DA + k]
+        total = total - roots[r, a, ROOT + k] * its_roots[s, b, DA + k]
+    return total
+
+
+@kernel
+def common_product(tree, parts, one, found, other, others, W):
+    """Return J_r A^-1 J_s' of two rows, summed over the trees that both act on.
+
+    one, other: what a row belongs to, a record with `tree_a` and `tree_b`, and its number; parts: TREE of all trees.
+    """
+    (p, r), (q, s), total = one, other, 0.0 * W[0, 0]
+    a = parts[p.tree_a]
+    if p.tree_a == q.tree_a:
+        total = total + product(a, tree, r, 0, s, 0, W, found, others)
+    if q.tree_b != q.tree_a and p.tree_a == q.tree_b:
+        total = total + product(a, tree, r, 0, s, 1, W, found, others)
+    if p.tree_b != p.tree_a:
+        b = parts[p.tree_b]
+        if p.tree_b == q.tree_a:
+            total = total + product(b, tree, r, 1, s, 0, W, found, others)
+        if q.tree_b != q.tree_a and p.tree_b == q.tree_b:
+            total = total + product(b, tree, r, 1, s, 1, W, found, others)
     return total
 
 
