@@ -14,6 +14,7 @@ from ..base.flaws import quoted
 from .checks import check, freeze, name_flaws, vector_flaws
 from .ground import Ground
 from .links import Vector
+from .loop import Loop
 from .pair_contact import GROUND, NONE, PAIR_REMEDY, PairContact, name_pairs, pair_contact
 from .robot import Model
 
@@ -118,6 +119,8 @@ class SceneModel:
     pairs : str, tuple of (str, str), or PairContact
         Bodies that touch each other, unless `compile_scene` is told otherwise: "none", "all", pairs of names, or a
         `PairContact` with the numbers of the contact.
+    loops : tuple of Loop
+        Constraints between links "name/link" of two members, or of a member and the world.
 
     Raises
     ------
@@ -136,6 +139,7 @@ class SceneModel:
     notes: tuple[str, ...] = ()
     source: str = ""
     pairs: str | tuple[tuple[str, str], ...] | PairContact = NONE
+    loops: tuple[Loop, ...] = ()
 
     def __repr__(self) -> str:
         named = [f"{len(self.members)} members ({quoted(m.name for m in self.members)})"] if self.members else []
@@ -159,6 +163,8 @@ class SceneModel:
         instance("scene: source", self.source, str, "give the path of a file, or an empty text")
         check(self._name_flaws(), *map(_obstacle_flaws, self.obstacles))
         self._check_excluded()
+        object.__setattr__(self, "loops", tuple(listed("scene: loops", self.loops, "give a list of Loop")))
+        check_scene_loops(self.members, self.loops)
 
     def _name_flaws(self) -> Iterator[str]:
         if not self.members:
@@ -220,6 +226,19 @@ def _check_names(field: str, pairs: Iterable[tuple[str, str]], known: set[str]) 
                 f"scene: {field} names {name!r}, which is not in the scene; expected one of "
                 f"{quoted([*near, *sorted(known - {*near})])}: correct it"
             )
+
+
+def check_scene_loops(members: Iterable[Placed], loops: Iterable[Loop]) -> None:
+    """Raise ValueError unless loops of a scene are between links of its members; TypeError for others than Loop."""
+    members, loops = list(members), list(loops)
+    for loop in loops:
+        instance("scene: loops", loop, Loop, "give a list of Loop")
+    known = {link_name(placed.name, link.name) for placed in members for link in placed.model.links}
+    _check_names("loops", ((loop.a, loop.a if loop.b is None else loop.b) for loop in loops), known)
+    own = [link_name(placed.name, loop.name) for placed in members for loop in placed.model.loops]
+    for name, count in Counter([*own, *(loop.name for loop in loops)]).items():
+        if count > 1:
+            raise ValueError(f"scene: {count} loops are named {name!r}; give every loop its own name")
 
 
 def link_name(placed: str, link: str) -> str:

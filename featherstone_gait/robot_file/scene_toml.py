@@ -34,6 +34,12 @@
     shape = "box"
     size = [0.8, 0.8, 0.02]
     position = [0.5, 0.0, 0.7]
+
+    [[loops]]                            # fields of Loop: between links of two robots or objects, or one and the world
+    name = "grip"
+    kind = "weld"
+    a = "left/hand"
+    b = "cup/body"
 """
 
 from __future__ import annotations
@@ -46,18 +52,19 @@ from typing import Any
 
 from ..base.flaws import quoted
 from ..geometry.body import body
-from ..model import Ground, Model
+from ..model import Ground, Loop, Model
 from ..model.pair_contact import PairContact
 from ..model.placed import OF_SCENE, Placed, SceneModel
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from .load import load_robot
 from .report import Report
 from .servos import read_servos
+from .settings import records_of
 from .simtwo.read import quaternion_from_rpy
 from .source import robot_names
 from .toml import Problems, at, check_keys, name_pairs_of, number, read_toml, real, string, table_of, truth, vector
 
-TOP = ("name", "gravity", "excluded", "pairs", "ground", "robots", "objects", "obstacles")
+TOP = ("name", "gravity", "excluded", "pairs", "ground", "robots", "objects", "obstacles", "loops")
 PLACE = ("name", "position", "orientation", "rpy")
 OF_ROBOT = ("file", "base", "locked", "contacts", "gearbox", "ground_contact", "servos")
 SHAPES: dict[str, type] = {kind.__name__.lower(): kind for kind in (Sphere, Capsule, Cylinder, Box, Mesh, Hull)}
@@ -82,6 +89,8 @@ def read_scene_toml(path: Path, strict: bool) -> SceneModel:
         found |= {"pairs": _touching(table)} if "pairs" in table else {}
     with problems.at(table, "ground"):
         found["ground"] = _ground(table_of(table, "ground", "")) if "ground" in table else None
+    with problems.at(table, "loops"):
+        found |= {"loops": records_of(Loop, table["loops"], "loops")} if "loops" in table else {}
     placed: dict[str, list[Placed]] = {"robots": [], "objects": [], "obstacles": []}
     for section, members in placed.items():
         with problems.at(table, section):

@@ -83,10 +83,10 @@ def _section(
         check_links(name, links, (link for pair in pairs for link in pair))
         return {name: pairs}
     if name == "loops":
-        return {name: _records(Loop, table[name], name, lambda found: check_loops(links, found))}
+        return {name: records_of(Loop, table[name], name, lambda found: check_loops(links, found))}
     if name == "tendons":
         single = degrees_of(joints).joints
-        return {name: _records(Tendon, table[name], name, lambda found: check_tendons(links, single, found))}
+        return {name: records_of(Tendon, table[name], name, lambda found: check_tendons(links, single, found))}
     inside = table_of(table, name, "")
     if name == "servos":
         return {name: read_servos(inside, joints, folder, report)}
@@ -207,7 +207,9 @@ def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
     return tuple(points)
 
 
-def _records(kind: type, rows: Any, section: str, check_all: Callable[[list[Any]], None]) -> tuple[Any, ...]:
+def records_of(
+    kind: type, rows: Any, section: str, check_all: Callable[[list[Any]], None] = lambda found: None
+) -> tuple[Any, ...]:
     """Read the tables [[loops]] or [[tendons]]."""
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError(f"{section} is {rows!r}; expected tables: write [[{section}]] above each")

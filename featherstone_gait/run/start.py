@@ -31,7 +31,7 @@ from ..model.numpy_dynamics import at_joints, what_is_loose, with_quaternions
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from ..scene.forest import Member, named, state_index
-from ..scene.loop import build_loops
+from ..scene.loop import build_loops, joined_loops
 from ..scene.tree import check_followers, followed
 from .status import OF_CODE
 from .trajectory import Trajectory
@@ -156,6 +156,12 @@ def _of_members(
         at = [*member.placed.position, 0.0][:3]
         if not member.scene.tree.floating:
             scene.state_view(y).base_q.reshape(-1, 7)[k] = *at, *member.placed.orientation
+    found = joined_loops(scene.members, scene.tree, scene.options.loops)
+    if found is not None:
+        view = scene.state_view(y)
+        view.loop_closed[:] = [loop.name not in open_loops for loop in scene.model.loops]
+        view.loop_place[...] = found.held[1].reshape(-1, PLACE)
+        _check_closed(scene, y)
     return y
 
 
@@ -309,10 +315,12 @@ def _check_closed(scene: CompiledScene, y: np.ndarray) -> None:
     model, view, (gaps, speeds) = scene.model, scene.state_view(y), open_rows(scene, y)
     names = [loop.name for loop in model.loops for _ in range(loop.rows)]
     fastest = max(float(np.abs(rates).max(initial=1.0)) for rates in (view.base_qd, view.qd))
-    remedies = ("close_loops(model, q)", "loop_jacobian(model, q) @ qd = 0")
+    remedies = "give close_loops(model, q)", "give velocities with loop_jacobian(model, q) @ qd = 0"
+    if scene.members:
+        remedies = "place the members so that its ends meet", "give velocities at which its ends move as one"
     for what, values, most, unit, remedy in (
-        ("q", gaps, CLOSED, "m or rad", f"give {remedies[0]}"),
-        ("qd", speeds, CLOSED * fastest, "m/s or rad/s", f"give velocities with {remedies[1]}"),
+        ("q", gaps, CLOSED, "m or rad", remedies[0]),
+        ("qd", speeds, CLOSED * fastest, "m/s or rad/s", remedies[1]),
     ):
         worst = int(values.argmax())
         if not values[worst] <= most:
@@ -326,7 +334,7 @@ def _check_closed(scene: CompiledScene, y: np.ndarray) -> None:
     for loop, closed, place, first in zip(model.loops, view.loop_closed, view.loop_place, own):
         if closed and np.array_equal(place, first) and is_flipped(model, poses, loop):
             raise ValueError(
-                f"{model.name}: at this q loop {loop.name!r} is off by half a turn; give {remedies[0]}, from near a "
+                f"{model.name}: at this q loop {loop.name!r} is off by half a turn; {remedies[0]}, from near a "
                 "closed posture"
             )
 

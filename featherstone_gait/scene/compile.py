@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, cast
@@ -22,9 +22,9 @@ from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.closure import Loops
 from ..core.step.context import Scene
-from ..model import Controller, Ground, Model, Spring, Tendon
+from ..model import Controller, Ground, Loop, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, pair_contact
-from ..model.placed import Placed, SceneModel
+from ..model.placed import Placed, SceneModel, check_scene_loops
 from ..model.tendon import spring_tendon
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import ByChannel, StateView
@@ -37,12 +37,13 @@ from .joint_spring import build_joint_springs, build_stiffening, fold_joint_spri
 from .loop import Loops as LoopTables
 from .loop import build_loops, joined_loops
 from .options import SceneOptions, check_options
-from .pairs import NOTHING, Touching, build_pairs, limited
+from .pairs import NOTHING, Touching, build_pairs, limited, no_pairs
 from .preflight import STIFF, Preflight, implicit_reason, preflight
 from .stop import build_stops
 from .tendon import build_tendons, fold_tendons, with_rows, with_stops
 from .tree import GRAVITY, Tree, compile_tree
 
+GIVE_LOOPS = "give a list of Loop between links 'name/link'"
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
 # Tolerances where none is given, but the integrator's own where that is less:
 FREE = 1e-4  # of all but servos of a floating robot over ground, whose feet hold what an arm passes on
@@ -325,6 +326,7 @@ def compile_scene(
     fall_tilt: float = math.radians(45),
     springs: Sequence[Spring] = (),
     pairs: str | Sequence[tuple[str, str]] | PairContact | None = None,
+    loops: Sequence[Loop] | None = None,
 ) -> CompiledScene:
     """Compile models, their servos and the ground into a scene.
 
@@ -358,6 +360,9 @@ def compile_scene(
         Bodies that touch each other: "none", "all", pairs of names ("name/link", or "name" for all links of a member or
         obstacle), or a `PairContact` with numbers.  None: what a `SceneModel` says, else "none".  With pairs a single
         model is a scene of one member, whose links and joints are called "name/link" and "name/joint".
+    loops : sequence of Loop, optional
+        Constraints between links "name/link" of two members, or of one and the world, beside those of the models.
+        None: those of a `SceneModel`.
 
     Returns
     -------
@@ -367,8 +372,8 @@ def compile_scene(
     Raises
     ------
     ValueError
-        For servos that the model does not have, steps that do not fit, ground without gravity, and pairs of names that
-        are not in the scene or cannot touch.
+        For servos that the model does not have, steps that do not fit, ground without gravity, loops and pairs of names
+        that are not in the scene, and pairs that cannot touch.
 
     Notes
     -----
@@ -376,19 +381,19 @@ def compile_scene(
     root's z axis is upright, or the one axis of the root along which all contacts are below the center of mass.
     """
     given = model.pairs if pairs is None and isinstance(model, SceneModel) else pairs
+    stated = model.loops if isinstance(model, SceneModel) else ()
+    between = tuple(stated if loops is None else listed("loops", loops, GIVE_LOOPS))
     options = SceneOptions(
-        gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs, pair_contact(given)
+        gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs, pair_contact(given), between
     )
     if isinstance(model, Model):
-        return _compile(model, options) if options.pairs is None else _compile_members([model], options)
+        scene = options.pairs is not None or options.loops
+        return _compile_members([model], options) if scene else _compile(model, options)
     if isinstance(model, SceneModel):
         own = GRAVITY if model.gravity is None else model.gravity
         options = options._replace(ground=ground or model.ground, gravity=own if gravity is GRAVITY else gravity)
         return _compile_members(model.members, options, model.obstacles, model.excluded)
     return _compile_members(model, options)
-
-
-OPEN = "simulate the open tree with dataclasses.replace(model, loops=())"
 
 
 def _compile(model: Model, given: SceneOptions) -> CompiledScene:
@@ -472,8 +477,10 @@ def _compile_members(
     _check_drives("scene", [one.model for one in members], decisive.sampled)
     options = options._replace(gravity=members[0].scene.options.gravity)
     touching, tree = build_pairs(members, obstacles, excluded, joined_tree(members), options)
-    loops = joined_loops(members, tree, ())
-    constants = joined_constants(members, tree)._replace(pairs=touching.table, loops=_loops(loops, tree))
+    model = joined_model(members, some((member.name for member in members), 4, " and "), options.loops)
+    loops = _loops(joined_loops(members, tree, options.loops), tree)
+    pairs = no_pairs(tree) if touching.table is None and options.loops else touching.table  # joined trees are an island
+    constants = joined_constants(members, tree)._replace(pairs=pairs, loops=loops)
     check = joined_preflight(members, first._replace(timestep=step, named=given.integrator is not None))
     check = limited(check, touching, tree)
     if given.integrator != options.integrator:
@@ -481,7 +488,7 @@ def _compile_members(
     gearboxes = [member.scene.gearbox for member in members if member.scene.gearbox is not None]
     scenes = [member.scene for member in members]
     return CompiledScene(
-        model=joined_model(members, some((member.name for member in members), 4, " and ")),
+        model=model,
         tree=tree,
         constants=constants,
         places=_places(tree, constants),
@@ -552,7 +559,11 @@ def _members(models: Any, options: SceneOptions) -> list[Member]:
         )
     if listed("springs", options.springs, "give a list of Spring"):
         raise ValueError("springs: they join links of one model, and this scene has several, or pairs; leave them out")
-    return [Member(one, _compile(one.model, _own(one, options))) for one in placed]
+    check_scene_loops(placed, options.loops)
+    members = [Member(one, _compile(one.model, _own(one, options))) for one in placed]
+    if options.loops:
+        _check_closes(members[0].scene.method, "scene", options.loops, "leave them out")
+    return members
 
 
 def _own(placed: Placed, options: SceneOptions) -> SceneOptions:
@@ -562,7 +573,7 @@ def _own(placed: Placed, options: SceneOptions) -> SceneOptions:
     if placed.gearbox == "scene" and not any(name in model.servos for name in model.joint_names):
         gearbox = None
     ground = options.ground if placed.ground_contact and model.contacts else None
-    return options._replace(gearbox=gearbox, ground=ground, pairs=None)
+    return options._replace(gearbox=gearbox, ground=ground, pairs=None, loops=())
 
 
 def _check_ticks(members: Sequence[Member]) -> None:
@@ -576,12 +587,8 @@ def _check_ticks(members: Sequence[Member]) -> None:
 def _method(name: str, model: Model, drive: Drive, friction: Friction | None) -> Integrator:
     """Look up an integrator; raise ValueError if it does not suit the loops, the servos or their friction."""
     method = INTEGRATORS[name]
-    if model.loops and not method.closes:
-        others = quoted([one.name for one in INTEGRATORS.values() if one.closes])
-        raise ValueError(
-            f"{model.name}: integrator {name!r} does not keep loops {quoted([loop.name for loop in model.loops])} "
-            f"closed; use one of {others}, or {OPEN}"
-        )
+    open_tree = "simulate the open tree with dataclasses.replace(model, loops=())"
+    _check_closes(method, model.name, model.loops, open_tree)
     if method.drives and not isinstance(drive.actuator, method.drives):
         raise ValueError(f"{name} is the update order of sampled servos; use implicit_euler for other scenes")
     if method.drives and isinstance(friction, GearFriction):
@@ -593,6 +600,16 @@ def _method(name: str, model: Model, drive: Drive, friction: Friction | None) ->
             "would have no effect; give the servo an inductance, or use ars343"
         )
     return method
+
+
+def _check_closes(method: Integrator, what: str, loops: Sequence[Loop], remedy: str) -> None:
+    """Raise ValueError for an integrator that does not keep loops closed."""
+    if loops and not method.closes:
+        others = quoted([one.name for one in INTEGRATORS.values() if one.closes])
+        raise ValueError(
+            f"{what}: integrator {method.name!r} does not keep loops {quoted([loop.name for loop in loops])} closed; "
+            f"use one of {others}, or {remedy}"
+        )
 
 
 def _fall_limits(model: Model, options: SceneOptions) -> tuple[float, float, tuple[float, float, float]]:

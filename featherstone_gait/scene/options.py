@@ -10,7 +10,7 @@ import numpy as np
 
 from ..base.arguments import instance, listed, real, vector
 from ..base.rotation import dot
-from ..model import Ground, Model, Spring
+from ..model import Ground, Loop, Model, Spring
 from ..model.pair_contact import PairContact
 from ..model.tree_checks import check_springs
 from .gearbox_kinds import GearboxKind
@@ -31,6 +31,7 @@ class SceneOptions(NamedTuple):
     fall_tilt: float  # [rad]
     springs: Sequence[Spring]
     pairs: PairContact | None = None
+    loops: Sequence[Loop] = ()  # of a scene, between its members
 
     @property
     def g(self) -> float:

@@ -153,6 +153,16 @@ def build_pairs(
     return Touching(pairs, names, (*parts.notes, *_concave(solids))), tree
 
 
+def no_pairs(tree: Tree) -> Pairs:
+    """Return pairs of which there is none, for trees that are solved together all the same."""
+    trees, none = len(trees_of(tree)), np.zeros(0, np.int64)
+    at_least = np.ones(2, np.int64)
+    return Pairs(
+        _shapes([]), records(0, PAIR), tree.bodies, none, np.zeros(tree.n), np.zeros(trees, np.int64), np.zeros(trees),
+        at_least, 0.0, None,
+    )  # fmt: skip
+
+
 def _concave(solids: Sequence[Solid]) -> Iterator[str]:
     """Yield a note on each mesh that is smaller than its convex hull, or whose volume is not known."""
     for solid in solids:

@@ -550,8 +550,10 @@ def test_a_scene_keeps_the_loops_of_its_members(tmp_path):
         assert [loop.name for loop in one.model.loops] == [loop.name for loop in two.model.loops]
         np.testing.assert_allclose(loop_gaps(one.model, [0.3]), loop_gaps(two.model, [0.3]), rtol=0, atol=1e-14)
     path.write_text(BODIES % pins)
-    with pytest.raises(ValueError, match=r"'glue' closes a loop of two trees.*remove it"):
-        load_scene(path)
+    joined, flat = load_scene(path), load_robot(path)
+    assert [[loop.name for loop in member.model.loops] for member in joined.members] == [["pin"], []]
+    (glue,), own = joined.loops, next(loop for loop in flat.loops if loop.name == "glue")
+    assert (glue.a, glue.b, glue.point_a, glue.rpy_a) == ("two/two", "one/one", own.point_a, own.rpy_a)
 
 
 def test_equalities_that_are_not_active_close_nothing(tmp_path):

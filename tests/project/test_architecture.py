@@ -137,7 +137,7 @@ def test_imports_make_no_circle():
     TopologicalSorter(graph).prepare()  # raises CycleError, which names a circle
 
 
-ENTRIES = {"simulate", "simulate_batch", "minimize", "crosscheck", "__init__"}  # 16 as of `solve_ivp`'s kind
+ENTRIES = {"compile_scene", "simulate", "simulate_batch", "minimize", "crosscheck", "__init__"}  # 16 as of `solve_ivp`
 
 
 def test_functions_take_few_arguments():

@@ -109,8 +109,8 @@ def close_loops(loops, contact, step):
 def _close(which, span, loops, contact, step):
     """Keep the loops of a span closed, of the trees `which`, first and end; their factors are those of moves."""
     scene, work, lines = step.scene, step.closing, lines_of(step.scene.tendons)
-    scratch = work.responses, work.roots, work.matrix, work.listed
-    close(scene, loops.parts, span, contact, loops.table, lines, IN_STEP, step.W, work.rows, scratch, work.force)
+    scratch = step.W, work.responses, work.roots, work.matrix, work.listed
+    close(scene, loops.parts, span, contact, loops.table, lines, IN_STEP, work.rows, scratch, work.force)
     release_loops(lines, scene.tree, loops.parts, loops.table, span, step.W, work.responses, work.roots)
     for k in range(which[0], which[1]):
         keep_factors(loops.parts[k], scene.tree, step.W, work.factors)
@@ -207,8 +207,8 @@ def _factor(which, span, loops, scene, offsets, scratch, y):
         bq = base_of(scene.floating, part, y, offsets.base_q, 7)
         articulated_pass(scene.tree, part, bq, None, work.move, scene.armature, None, None, W)
         constrain(scene.coupling, part, bq, None, scene.tree, W)
-    found = work.responses, work.roots, work.matrix, work.listed
-    close(scene, loops.parts, span, None, loops.table, None, IN_STEP, W, work.rows, found, work.push)
+    found = W, work.responses, work.roots, work.matrix, work.listed
+    close(scene, loops.parts, span, None, loops.table, None, IN_STEP, work.rows, found, work.push)
     for k in range(which[0], which[1]):
         keep_factors(loops.parts[k], scene.tree, W, work.factors)
 

@@ -121,8 +121,8 @@ def closed_rows(robot, loops, motion, given, scratch, out):
         push = item(wrench, i)
         articulated_pass(robot.tree, part, at.base_q, item(base_tau, i), tau[i], robot.armature, push, None, W[0])
         constrain(robot.coupling, part, at.base_q, None, robot.tree, W[0])
-        found = responses, roots, L, listed
-        close(robot, trees, (0, len(loop)), None, loop, None, EXACT, W[0], rows, found, forces[i])
+        found = W[0], responses, roots, L, listed
+        close(robot, trees, (0, len(loop)), None, loop, None, EXACT, rows, found, forces[i])
         acceleration_pass(robot.tree, part, W[0], qdd[i])
         base_acceleration(0, item(base_qdd, i), W[0])
 

@@ -304,15 +304,15 @@ def _add_end(tree, i, t, d, x, r, W, base_J, J):
 
 
 @kernel
-def close(robot, parts, span, contact, loop, lines, softness, W, rows, scratch, force):
+def close(robot, parts, span, contact, loop, lines, softness, rows, scratch, force):
     """Let forces of the loops of a span act on the solutions that the first pass and the couplings have left.
 
     parts: TREE of all trees; span: first loop and the one after the last; contact: as the first pass had it; lines:
     records of what rank_one.py has bound to the factors, or None; softness: EXACT or IN_STEP; rows as `fill_loops` has
-    filled them; scratch: responses (m, sides, bodies), roots (m, sides, 12), L (m, m + 2), of all rows, and `listed`
+    filled them; scratch: W, responses (m, sides, bodies), roots (m, sides, 12), L (m, m + 2), of all rows, and `listed`
     (2, m); force (m,) [N or N m] becomes the force or moment of each row on body a along its direction.
     """
-    (responses, roots, L, listed), count, begin = scratch, 0, loop[span[0]].first
+    (W, responses, roots, L, listed), count, begin = scratch, 0, loop[span[0]].first
     for c in range(span[0], span[1]):
         count = list_rows(loop, c, count, listed)
         respond_loop(robot, parts, contact, loop[c], lines, W, rows, responses, roots)

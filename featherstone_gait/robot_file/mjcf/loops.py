@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from ...dynamics import forward_kinematics
 from ...model import Loop, Model
 from ...model.loop import LoopKind
 from ...model.numpy_dynamics import zero_position
+from ...model.placed import link_name
 from ..markup import element
 from .equalities import CONNECT, KINDS, SITE, TENDON, WELD, active, follows_mocap, lines, ties, title
 from .tree import Tree, unused, vector
@@ -63,20 +64,42 @@ def closing(m: Any) -> dict[int, tuple[End, End]]:
 
 
 def read_loops(m: Any, tree: Tree, names: list[str], top: int = 0) -> tuple[Loop, ...]:
-    """Read the loops of a tree; names: of the equalities; top: body whose place counts as that of a fixed root."""
+    """Read the loops of a tree, but those that lead to another.
+
+    names: of the equalities; top: body whose place counts as that of a fixed root.
+    """
     found = []
     for k, (a, b) in closing(m).items():
-        if not any(_moves(m, tree, end.body) for end in (a, b)):
-            continue
-        one, two = placed(m, tree, a, top), placed(m, tree, b, top)
-        if one[0] is None:
-            one, two = two, one
-        distance = float(m.tendon_length0[m.eq_obj1id[k]] + m.eq_data[k, 0]) if m.eq_type[k] == TENDON else 0.0
-        turns = (one[1], two[1]) if m.eq_type[k] == WELD else ((0.0, 0.0, 0.0),) * 2
-        (a_link, _, a_at), (b_link, _, b_at), kind = one, two, NAMES[int(m.eq_type[k])]
-        assert a_link is not None  # one of the two moves
-        found.append(Loop(names[k], kind, a_link, b_link, a_at, b_at, turns[0], turns[1], distance=distance))
+        inside = [_moves(m, tree, end.body) for end in (a, b)]
+        if any(inside) and not any(m.body_weldid[end.body] and not own for end, own in zip((a, b), inside)):
+            found.append(_loop(m, k, names[k], placed(m, tree, a, top), placed(m, tree, b, top)))
     return tuple(found)
+
+
+def joining_loops(m: Any, trees: Mapping[int, tuple[str, Tree]], names: list[str]) -> tuple[Loop, ...]:
+    """Read the loops between trees; trees: name in the scene and tree by its first body; names: of the equalities."""
+    found = []
+    for k, both in closing(m).items():
+        if all(m.body_weldid[end.body] for end in both) and len({int(m.body_rootid[end.body]) for end in both}) == 2:
+            ends = []
+            for end in both:
+                name, tree = trees[int(m.body_rootid[end.body])]
+                link, turn, at = placed(m, tree, end, 0)
+                assert link is not None  # each end moves
+                ends.append((link_name(name, link), turn, at))
+            found.append(_loop(m, k, names[k], *ends))
+    return tuple(found)
+
+
+def _loop(m: Any, k: int, name: str, one: tuple[str | None, Any, Any], two: tuple[str | None, Any, Any]) -> Loop:
+    """Return the loop of an equality, whose ends are link, rpy and point; at most one of the links is None."""
+    if one[0] is None:
+        one, two = two, one
+    distance = float(m.tendon_length0[m.eq_obj1id[k]] + m.eq_data[k, 0]) if m.eq_type[k] == TENDON else 0.0
+    turns = (one[1], two[1]) if m.eq_type[k] == WELD else ((0.0, 0.0, 0.0),) * 2
+    (a_link, _, a_at), (b_link, _, b_at), kind = one, two, NAMES[int(m.eq_type[k])]
+    assert a_link is not None  # one of the two moves
+    return Loop(name, kind, a_link, b_link, a_at, b_at, turns[0], turns[1], distance=distance)
 
 
 def equality_names(m: Any) -> list[str]:
@@ -131,10 +154,10 @@ def loop_notes(m: Any, tree: Tree) -> Iterator[str]:
 # ---------------------------------------------------------------------------------------------- writing
 
 
-def site_lines(model: Model, link: str | None) -> list[str]:
+def site_lines(loops: Iterable[Loop], link: str | None) -> list[str]:
     """Write the sites of loops on a link, or in the world."""
     found = []
-    for loop in model.loops:
+    for loop in loops:
         sides = (("a", loop.a, loop.point_a, loop.rpy_a), ("b", loop.b, loop.point_b, loop.rpy_b))
         for side, at, point, rpy in sides:
             if at == link:
@@ -146,12 +169,12 @@ def site_lines(model: Model, link: str | None) -> list[str]:
     return found
 
 
-def loop_lines(model: Model) -> list[str]:
-    """Write the equalities of loops."""
-    found, taken = [], [loop.name for loop in model.loops]
-    for loop in model.loops:
+def loop_lines(loops: Sequence[Loop], length_at_zero: Callable[[Loop], float]) -> list[str]:
+    """Write the equalities of loops; length_at_zero: of a rod's points with all joints at zero [m]."""
+    found, taken = [], [loop.name for loop in loops]
+    for loop in loops:
         if loop.kind == "distance":
-            miss = loop.distance - _length_at_zero(model, loop)
+            miss = loop.distance - length_at_zero(loop)
             attributes = {"name": loop.name, "tendon1": loop.name, "polycoef": (miss, 0, 0, 0, 0)}
             found += element("tendon", attributes)
             continue
@@ -163,14 +186,14 @@ def loop_lines(model: Model) -> list[str]:
     return found
 
 
-def rod_lines(model: Model) -> list[str]:
+def rod_lines(loops: Iterable[Loop]) -> list[str]:
     """Write the tendons whose lengths loops keep."""
-    rods = [loop.name for loop in model.loops if loop.kind == "distance"]
+    rods = [loop.name for loop in loops if loop.kind == "distance"]
     sites = {name: [line for side in "ab" for line in element("site", {"site": f"{name}_{side}"})] for name in rods}
     return [line for name in rods for line in element("spatial", {"name": name}, sites[name])]
 
 
-def _length_at_zero(model: Model, loop: Loop) -> float:
+def length_at_zero(model: Model, loop: Loop) -> float:
     """Return the distance of a loop's points with all joints at zero and the base at the origin [m]."""
     poses = forward_kinematics(model, zero_position(model))
     places = []

@@ -19,7 +19,7 @@ import numpy as np
 from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
-from ...model import Controller, Ground, Joint, Servo
+from ...model import Controller, Ground, Joint, Loop, Servo
 from ...model.pair_contact import GROUND, NONE, PairContact
 from ...model.placed import SEPARATOR, link_name
 from ...model.shapes import Shape
@@ -27,8 +27,8 @@ from ..report import Report
 from ..robot import Robot
 from .actuators import read_actuators
 from .causes import doubts, gravity_of, notes, refusals
-from .equalities import Line, couplings, title
-from .loops import closing, equality_names, read_loops
+from .equalities import Line, couplings
+from .loops import equality_names, joining_loops, read_loops
 from .read import compiled, held_by, name_of, postures_of
 from .sizes import documents_of
 from .tendons import read_tendons, taken
@@ -75,6 +75,7 @@ class Content(NamedTuple):
     gravity: tuple[float, float, float]
     excluded: list[tuple[str, str]]  # links of the scene that do not touch each other
     pairs: str | tuple[tuple[str, str], ...] | PairContact  # what does, if `save_scene` has written it
+    loops: tuple[Loop, ...]  # between members
 
 
 class Solids(NamedTuple):
@@ -109,13 +110,14 @@ def read_scene(path: Path, report: Report) -> Content:
     solids = _solids(m, floor, stated, report)
     prefixes = _prefixes(m)
     owners: dict[int, str] = {}  # link in the scene of each geom
-    members, obstacles, taken = [], [], list[str]()
+    members, obstacles, taken, trees = [], [], list[str](), dict[int, tuple[str, Tree]]()
     for top in top_bodies(m):
         own = [b for b in range(1, m.nbody) if m.body_rootid[b] == top]
         name = unused(prefixes.get(top, bodies[top].replace(SEPARATOR, "_")), taken)
         if top in moving:
             tree = _tree(m, top, prefixes.get(top, ""), bodies, joints, mimics)
             members.append(_member(m, tree, top, name, solids, report, prefixes.get(top, "")))
+            trees[top] = name, tree
             links = tree.bodies
         elif geoms := [g for g in solids.shapes if m.geom_bodyid[g] in own]:
             obstacles.append(_obstacle(m, top, name, geoms, solids))
@@ -135,7 +137,8 @@ def read_scene(path: Path, report: Report) -> Content:
     if solids.collide.any() and pairs == NONE:
         report.remark('bodies touch the ground alone, unless compile_scene is given pairs="all"')
     still = [link_name(part.robot.name, OBSTACLE) for part in obstacles]
-    return Content(name_of(m, path), members, obstacles, ground, gravity_of(m), _excluded(solids, owners, still), pairs)
+    excluded, loops = _excluded(solids, owners, still), joining_loops(m, trees, equality_names(m))
+    return Content(name_of(m, path), members, obstacles, ground, gravity_of(m), excluded, pairs, loops)
 
 
 def _pairs(documents: Iterable[Element]) -> str | tuple[tuple[str, str], ...] | PairContact:
@@ -158,13 +161,6 @@ def _between_trees(m: Any, mimics: Mapping[int, Line], names: list[str]) -> Iter
             yield (
                 f"joint {names[j]!r} follows joint {names[line.leader]!r} of another tree; a joint can follow one of "
                 "its own tree: remove the equality, or set active='false'"
-            )
-    for k, both in closing(m).items():
-        one, two = (end.body for end in both)
-        if m.body_weldid[one] and m.body_weldid[two] and m.body_rootid[one] != m.body_rootid[two]:
-            yield (
-                f"equality {title(m, k)} closes a loop of two trees; a loop has both ends in one tree, or one in the "
-                "world: remove it, or set active='false'"
             )
 
 

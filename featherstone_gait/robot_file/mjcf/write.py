@@ -24,7 +24,7 @@ from ...model.degrees import degrees_of, written_degrees
 from ...model.rigid_bodies import depth_first_joints, held_frame
 from ..markup import comment, element
 from ..urdf import TRIANGLE_TOLERANCE
-from .loops import loop_lines, rod_lines, site_lines
+from .loops import length_at_zero, loop_lines, rod_lines, site_lines
 from .tendons import tendon_lines, tendon_site_lines
 from .tree import NO_STOP, WORLD, unused
 from .write_actuators import actuator_lines, passive
@@ -50,14 +50,14 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
     couplings = [(joint.name, joint.mimic) for joint in model.moving_joints if joint.mimic]
     sections = {
         "asset": [*mesh_lines(model), *field_lines(ground)],
-        "worldbody": [*floor, *site_lines(model, None), *_root_lines(model, inertias)],
+        "worldbody": [*floor, *site_lines(model.loops, None), *_root_lines(model, inertias)],
         "equality": [
             line
             for name, (leader, b, a) in ((name, astuple(mimic)) for name, mimic in couplings)
             for line in element("joint", {"joint1": name, "joint2": leader, "polycoef": (a, b, 0, 0, 0)})
         ]
-        + loop_lines(model),
-        "tendon": [*rod_lines(model), *tendon_lines(model)],
+        + loop_lines(model.loops, lambda loop: length_at_zero(model, loop)),
+        "tendon": [*rod_lines(model.loops), *tendon_lines(model)],
         "contact": [*pair_lines(model, ground), *_exclude_lines(model)],
         "actuator": actuators,
         "keyframe": _key_lines(model),
@@ -131,7 +131,7 @@ def _inside(model: Model, link: str, inertias: Inertials) -> list[str]:
 
 
 def _site_lines(model: Model, link: str) -> list[str]:
-    return [*site_lines(model, link), *tendon_site_lines(model, link)]
+    return [*site_lines(model.loops, link), *tendon_site_lines(model, link)]
 
 
 def _child_lines(model: Model, joint: Joint, inertias: Inertials) -> list[str]:

@@ -13,13 +13,19 @@ from dataclasses import fields, replace
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Comment, Element, SubElement, TreeBuilder, XMLParser, fromstring, indent, tostring
 
+import numpy as np
+
+from ...base.fixed_order import applied
+from ...base.rotation import rotation_from_quaternion
 from ...dynamics import forward_kinematics
 from ...geometry.contact_choice import contact_points, lowest_levels
-from ...model import ContactPoint, Ground, Model
+from ...model import ContactPoint, Ground, Loop, Model
+from ...model.numpy_dynamics import zero_position
 from ...model.pair_contact import GROUND, PairContact, pair_contact
-from ...model.placed import Placed, SceneModel, link_name
+from ...model.placed import SEPARATOR, Placed, SceneModel, link_name
 from ...model.rest_posture import nearest_posture, standing_keyframe
 from ...model.shapes import Shape
+from .loops import loop_lines, rod_lines, site_lines
 from .tree import PAIRS, WORLD, unused
 from .write import mjcf_text
 from .write_geoms import field_lines, floor_lines, pair_lines
@@ -65,12 +71,48 @@ def scene_text(scene: SceneModel) -> str:
     for one, two in scene.excluded:
         if {one, two} <= bodies:
             SubElement(sections["contact"], "exclude", body1=one, body2=two)
+    _write_loops(scene, sections)
+    if hinges := [loop.name for loop in scene.loops if loop.kind == "hinge"]:
+        told = f"MJCF cannot state loops with a hinge; wrote two points of its axis: {', '.join(hinges)}"
+        root.insert(0, Comment(f" {told} "))
     if pair_contact(scene.pairs) is not None:
         SubElement(SubElement(root, "custom"), "text", name=PAIRS, data=_stated(scene.pairs))
     root.extend(section for section in sections.values() if len(section))
     _write_keys(root, scene.members, parts)
     indent(root)
     return tostring(root, encoding="unicode") + "\n"
+
+
+def _write_loops(scene: SceneModel, sections: dict[str, Element]) -> None:
+    """Write the loops between members; raise ValueError for one on the root of a fixed robot, which is no body."""
+    bodies = {body.get("name", ""): body for body in sections["worldbody"].iter("body")}
+    bodies[""] = sections["worldbody"]
+    for link in dict.fromkeys(end or "" for loop in scene.loops for end in (loop.a, loop.b)):
+        if link not in bodies:
+            raise ValueError(f"scene: a loop is on {link!r}, which MJCF has no body for: put it on the world, b=None")
+        bodies[link].extend(_elements(site_lines(scene.loops, link or None)))
+    sections["tendon"].extend(_elements(rod_lines(scene.loops)))
+    sections["equality"].extend(_elements(loop_lines(scene.loops, lambda loop: _length_at_start(scene, loop))))
+
+
+def _elements(lines: Iterable[str]) -> list[Element]:
+    return [*fromstring(f"<lines>{''.join(lines)}</lines>")]
+
+
+def _length_at_start(scene: SceneModel, loop: Loop) -> float:
+    """Return the distance of a loop's points with all joints at zero and all members at their places [m]."""
+    ends = []
+    for link, point in ((loop.a, loop.point_a), (loop.b, loop.point_b)):
+        at = np.array(point)
+        if link is not None:
+            name, _, own = link.partition(SEPARATOR)
+            placed = scene.member(name)
+            poses, turn = forward_kinematics(placed.model, zero_position(placed.model)), placed.orientation
+            row = placed.model.link_index(own)
+            at = poses.position[row] + applied(poses.rotation[row], at)
+            at = np.array(_position(placed, scene.ground)) + applied(rotation_from_quaternion(np.array(turn)), at)
+        ends.append(at)
+    return float(np.linalg.norm(ends[0] - ends[1]))
 
 
 def _stated(pairs: Any) -> str:
