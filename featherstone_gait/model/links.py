@@ -102,6 +102,11 @@ class Mimic:
         check(name_flaws("joint", self.joint), quantity_flaws(f"mimic of joint {self.joint!r}", self))
 
 
+def weakens(b1: float, b2: float, b3: float) -> bool:
+    """Return whether the force (b1 + b2 |v| + b3 v^2) v falls somewhere as the speed v grows."""
+    return min(b1, b3) < 0 or (b2 < 0 and not b2**2 <= GIVES_WAY * b1 * b3)
+
+
 @dataclass(frozen=True)
 class Joint:
     """A joint from a parent link to a child link, whose frame sits at the joint.
@@ -135,6 +140,9 @@ class Joint:
     quadratic_stiffness, cubic_stiffness : float
         Numbers b and c of a spring with the torque -(stiffness x + b x^2 + c x^3), x from the position at which it is
         slack [N m/rad^2 or N/m^2, N m/rad^3 or N/m^3].  It never gives way: b^2 <= 3 stiffness c.
+    quadratic_damping, cubic_damping : float
+        Numbers b and c of a damper with the torque -(damping + b |v| + c v^2) v [N m s^2/rad^2 or N s^2/m^2,
+        N m s^3/rad^3 or N s^3/m^3].  It never weakens as the speed grows: b >= 0 or b^2 <= 3 damping c.
     mimic : Mimic or None
         Coupling to another joint.
     pitch : float
@@ -169,6 +177,8 @@ class Joint:
     axis2: Vector | None = None
     quadratic_stiffness: float = quantity("finite", "SI", 0.0, "0 is a linear spring")
     cubic_stiffness: float = quantity(">= 0", "SI", 0.0, "0 is a linear spring")
+    quadratic_damping: float = quantity("finite", "SI", 0.0, "0 is a linear damper")
+    cubic_damping: float = quantity(">= 0", "SI", 0.0, "0 is a linear damper")
 
     __repr__ = brief
 
@@ -217,6 +227,12 @@ class Joint:
                 f"{what}: its spring gives way somewhere: quadratic_stiffness is {self.quadratic_stiffness!r}, whose "
                 f"square may be at most 3 stiffness cubic_stiffness, {3.0 * self.stiffness * self.cubic_stiffness!r}: "
                 "lower it, or raise the others"
+            )
+        if not flaws and weakens(self.damping, self.quadratic_damping, self.cubic_damping):
+            yield (
+                f"{what}: its damper weakens as the speed grows: quadratic_damping is {self.quadratic_damping!r}; its "
+                f"square may be at most 3 damping cubic_damping, {3.0 * self.damping * self.cubic_damping!r}, where it "
+                "is negative: raise it, or the others"
             )
 
     def _flaws_of_several(self, what: str) -> Iterator[str]:

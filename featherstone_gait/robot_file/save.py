@@ -178,8 +178,8 @@ def _stated(part: Tendon | Controller) -> dict[str, Any]:
 
 def _own(joint: Joint) -> dict[str, float]:
     """Return what URDF cannot state of a joint."""
-    numbers = {name: getattr(joint, name) for name in ("armature", "quadratic_stiffness", "cubic_stiffness")}
-    return {name: value for name, value in numbers.items() if value}
+    names = "armature", "quadratic_stiffness", "cubic_stiffness", "quadratic_damping", "cubic_damping"
+    return {name: getattr(joint, name) for name in names if getattr(joint, name)}
 
 
 def _posture(model: Model, q: tuple[float, ...]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from .contact import build_contact, standing_posture
 from .external import Push, build_lifts, build_pushes
 from .firmware import build_firmware, build_supply
 from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
-from .friction import Friction, build_friction, sticks
+from .friction import Friction, build_drag, build_friction, sticks
 from .joint_spring import build_joint_springs, build_stiffening, fold_joint_springs
 from .loop import Loops as LoopTables
 from .loop import build_loops, joined_loops
@@ -436,6 +436,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         balls=tree.balls,
         loops=_loops(build_loops(model) if model.loops else None, tree),
         stiffening=build_stiffening(model),
+        drag=build_drag(model),
         tendons=with_stops(tendons, model, lines, check.tendon_inertias, options.g),
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)

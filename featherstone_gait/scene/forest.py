@@ -14,6 +14,7 @@ import numpy as np
 
 from ..base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ..core.effects.contact import Contact
+from ..core.effects.drag import DRAG
 from ..core.effects.firmware import BAND, PWM, Firmware
 from ..core.effects.friction import FRICTION
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
@@ -267,6 +268,7 @@ def joined_constants(members: Sequence[Member], tree: Tree) -> Scene:
         supply=_supply(members),
         joint_springs=stack("joint_springs", JOINT_SPRING),
         stiffening=stack("stiffening", STIFFENING),
+        drag=stack("drag", DRAG),
         lifts=_on_bodies([one.lifts for one in all_of], moved, ("body",)),
         trees=tree.trees,
         balls=tree.balls,

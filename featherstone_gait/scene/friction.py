@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import numpy as np
 
+from ..core.effects.drag import DRAG
 from ..core.effects.friction import FRICTION, SOFT, STUCK
 from ..core.effects.friction import explicit_limits as limits_of_friction
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
 from ..model import Joint, Model, Servo, depends_on_load_or_speed
 from .actuator import Drive, stall_torque
-from .records import fill, records
+from .records import fill, filled, records
 
 Friction: TypeAlias = np.recarray | GearFriction
+FAST = 10.0  # [rad/s or m/s]
 LOADS = ("external_load_friction", "motor_load_friction", "stribeck_external_load", "stribeck_motor_load")
 BUDGETS = ("coulomb_friction", "stribeck_friction")
 QUADRATIC = ("load_product_friction", "quadratic_external_load", "quadratic_motor_load")
@@ -42,6 +45,20 @@ def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bo
     for name in FRICTION.names or ():
         plain[name] = table[name]
     return plain
+
+
+def build_drag(model: Model) -> np.recarray | None:
+    """Build the DRAG records, None if all damping is linear."""
+    table = filled(DRAG, [(joint,) for joint in model.moving_joints])
+    return table if table.quadratic_damping.any() or table.cubic_damping.any() else None
+
+
+def fastest_damping(model: Model) -> np.ndarray:
+    """Return the nonlinear damping (n,) at the velocity limits of the joints, or at `FAST` [N m s/rad or N s/m]."""
+    joints = model.moving_joints
+    speed = np.array([joint.velocity if joint.velocity < math.inf else FAST for joint in joints])
+    b2, b3 = (np.array([getattr(joint, name) for joint in joints]) for name in DRAG.names or ())
+    return speed * (2.0 * np.abs(b2) + 3.0 * b3 * speed)
 
 
 def _width(joint: Joint, servo: Servo | None) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..base.arguments import one_of, real
 from ..base.fixed_order import product, solve
-from ..core.effects import contact, joint_spring, tendon
+from ..core.effects import contact, drag, joint_spring, tendon
 from ..core.effects.friction import DRY
 from ..core.integrate import INTEGRATORS
 from ..dynamics import coupling_matrix
@@ -31,7 +31,7 @@ from ..dynamics.tendons import rows_of
 from ..model import Controller, Model, Tendon
 from ..model.numpy_dynamics import mass_matrix_at, regular_posture
 from .actuator import Drive
-from .friction import Friction, explicit_limits, sticks
+from .friction import Friction, explicit_limits, fastest_damping, sticks
 from .joint_spring import stiffest
 from .options import SceneOptions
 
@@ -114,7 +114,7 @@ def preflight(
     n, mobility = len(model.moving_joints), joint_mobility(model, drive.armature, tendons)
     names = [*model.joint_names, *(one.name for one in tendons)]
     inertias = tuple(1.0 / float(x) if x > 0 else LARGEST for x in np.diag(mobility))
-    dampers, stiff, rotors = _acting(drive, friction, stiffest(model), tendons)
+    dampers, stiff, rotors = _acting(model, drive, friction, tendons)
     limits = []
     for k, (name, share) in enumerate(zip(names, np.diag(mobility))):
         each = ({cause: c[k] for cause, c in acting.items()} for acting in (dampers, stiff))
@@ -156,15 +156,19 @@ Acting: TypeAlias = dict[str, np.ndarray]  # dampers or springs of each joint an
 
 
 def _acting(
-    drive: Drive, friction: Friction | None, stiffness: np.ndarray, tendons: Sequence[Tendon]
+    model: Model, drive: Drive, friction: Friction | None, tendons: Sequence[Tendon]
 ) -> tuple[Acting, Acting, np.ndarray | float]:
     """Return dampers [N m s/rad or N s/m], springs [N m/rad or N/m], and the mobility of rotors behind gears."""
     acting, rotors = explicit_limits(friction, drive), 0.0
     if drive.actuator is not None:
         *more, rotors = drive.actuator.explicit_limits()
         acting = acting[0] | more[0], acting[1] | more[1]
+    stiffness = stiffest(model)
     if stiffness.any():
         acting = acting[0], acting[1] | joint_spring.explicit_limits(stiffness)[1]
+    fastest = fastest_damping(model)
+    if fastest.any():
+        acting = acting[0] | drag.explicit_limits(fastest)[0], acting[1]
     if not tendons:
         return *acting, rotors
     own, ends = np.zeros(len(drive.servos)), np.zeros(len(tendons))

@@ -7,6 +7,7 @@ from ..compile.optional import any_present, plus_item
 from ..effects.actuator import controller_of, move_actuator, rotor_of
 from ..effects.contact import move_contacts
 from ..effects.controller import filter_speed
+from ..effects.drag import move_drag
 from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
 from ..effects.friction import move_friction
@@ -111,7 +112,7 @@ def _joint_energies(forces, step, i, v, w):
 @overridable
 def _driving(friction, step, i, v, w):
     """Return what drives the joint [N m], and add the energies of friction and stops."""
-    Tf = move_friction(friction, step, i, v)
+    Tf = move_drag(step.scene.drag, step, i, v, move_friction(friction, step, i, v))
     Ts = move_stop(step.scene.stops, step, i, v)
     T, _, _, _, _, _ = joint_force(friction, step, i, v, w)
     others, _ = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, Tf + Ts, 0.0)
@@ -122,6 +123,7 @@ def _driving(friction, step, i, v, w):
 def _by_the_gear(friction, step, i, v, w):
     T, Tf = step.Z[DRIVE, i], step.Z[RUB, i]
     step.y[step.offsets.energy + ENERGIES * i + LOSS] -= step.h * (Tf * v)
+    move_drag(step.scene.drag, step, i, v, Tf)
     move_stop(step.scene.stops, step, i, v)
     return plus_item(T, step.tau, i)
 

@@ -41,6 +41,7 @@ class Scene(NamedTuple):
     balls: np.ndarray | None = None  # (balls,) first coordinate of each ball joint
     loops: tuple | None = None  # Loops, of a scene of one robot
     stiffening: np.ndarray | None = None  # (n,) STIFFENING, of joint springs
+    drag: np.ndarray | None = None  # (n,) DRAG of joints
     tendons: tuple | None = None  # Tendons, with springs between bodies
 
 
@@ -149,6 +150,7 @@ def with_bodies(step, tree):
         friction=s.friction, stops=s.stops, contact=s.contact, push=s.push, coupling=s.coupling,
         firmware=s.firmware, supply=s.supply, joint_springs=s.joint_springs, lifts=s.lifts, trees=s.trees,
         pairs=s.pairs, balls=s.balls, loops=s.loops, tendons=s.tendons, stiffening=s.stiffening,
+        drag=s.drag,
     )  # fmt: skip
     return Step(
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,

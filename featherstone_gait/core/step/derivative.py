@@ -9,6 +9,7 @@ from ..compile.jit import inline
 from ..compile.optional import any_present, item_or_zero, plus_item
 from ..effects.actuator import actuator_rates
 from ..effects.contact import contact_rates
+from ..effects.drag import drag_rates
 from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
 from ..effects.friction import direction, friction_rates
@@ -58,6 +59,7 @@ def _forces(step, dy):
     for i in range(first, end):
         speed = v[i]
         T, Tf = _drive_and_friction(scene.friction, step, dy, i, speed)
+        Tf = drag_rates(scene.drag, step, dy, i, speed, Tf)
         T = plus_item(T, step.tau, i)
         y[offsets.torque + i] = T + 0.0 * speed
         dy[offsets.energy + ENERGIES * i + WORK] = T * speed

@@ -39,6 +39,7 @@ from ..effects.contact import (
     shifted,
     solved_contacts,
 )
+from ..effects.drag import plus_drag
 from ..effects.friction import direction, friction_torque, snap_to_rest
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.joint_spring import plus_spring
@@ -142,7 +143,8 @@ def acting(step):
     """Return True, None where only gravity, bias forces and torques from outside act on the joints."""
     springs = any_present(step.scene.joint_springs, step.scene.stiffening)
     own = any_present(step.scene.stops, any_present(springs, step.scene.tendons))
-    return any_present(step.actuator, any_present(step.scene.friction, own))
+    losses = any_present(step.scene.friction, step.scene.drag)
+    return any_present(step.actuator, any_present(losses, own))
 
 
 @inline
@@ -249,6 +251,7 @@ def joint_force(friction, step, i, v, w):
     Returns T, F, c, cg and cr of all that acts, and dT/dw: no other than cg, unless friction knows the load.
     """
     Tf, cf = friction_torque(friction, step, i, v)
+    Tf, cf = plus_drag(step.scene.drag, i, v, Tf, cf)
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
     T, c = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, Tf + Ts, cf + cs)
     T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, plus_item(T, step.tau, i), c)
@@ -261,6 +264,7 @@ def _with_gear_friction(friction, step, i, v, w):
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
     Tf, cf, by_m = gear_friction_torque(friction, step, i, v, Tm)
     step.Z[DRIVE, i], step.Z[RUB, i] = Tm, Tf
+    Tf, cf = plus_drag(step.scene.drag, i, v, Tf, cf)
     T, ck = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, (Tm + Tf) + Ts, cf + cs)
     return plus_item(T, step.tau, i), F, c * (1.0 + by_m) + ck, cg, cr, cg * (1.0 + by_m)
 

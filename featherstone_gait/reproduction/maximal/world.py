@@ -54,6 +54,7 @@ def _check(scene: CompiledScene, welded: Sequence[str]) -> None:
         f"{scene.gearbox} servos": c.actuator is not None and not isinstance(c.actuator, RigidServo | MipsdServo),
         "friction that depends on load": isinstance(c.friction, tuple),
         "springs": c.tendons is not None or c.joint_springs is not None or c.stiffening is not None,
+        "nonlinear damping": c.drag is not None,
         "pushes": c.push is not None or c.lifts is not None,
         "a supply": c.supply is not None,
         "ground that is no plane": contact is not None

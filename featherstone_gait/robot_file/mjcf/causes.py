@@ -9,7 +9,18 @@ import numpy as np
 
 from ...base.flaws import quoted
 from . import equalities, loops, tendons
-from .tree import BALL, FREE, NO_DAMPERS, NO_LIMITS, NO_SPRINGS, Tree, moving_trees, stiffness_powers, vector
+from .tree import (
+    BALL,
+    FREE,
+    NO_DAMPERS,
+    NO_LIMITS,
+    NO_SPRINGS,
+    Tree,
+    damping_powers,
+    moving_trees,
+    stiffness_powers,
+    vector,
+)
 
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
@@ -67,13 +78,16 @@ def _nonlinear(m: Any, tree: Tree) -> Iterator[str]:
         ],
         "plastic yield of the springs": [j for j in own if getattr(m, "jnt_springyield", np.zeros(m.njnt))[j]],
         "nonlinear damping": [
-            m.dof_jntid[k] for k in range(m.nv) if np.any(getattr(m, "dof_dampingpoly", np.zeros(m.nv))[k])
+            j
+            for j in own
+            if np.any(getattr(m, "dof_dampingpoly", np.zeros(m.nv))[m.jnt_dofadr[j]])
+            and (not any(damping_powers(m, j)) or m.jnt_type[j] == FREE)
         ],
     }
     for what, joints in parts.items():
         if joints and not (what != "nonlinear damping" and m.opt.disableflags & NO_SPRINGS):
             names = quoted([tree.joint_names[j] for j in joints])
-            yield f"ignored the {what} of joints {names}: dampers are linear, and springs may not give way anywhere"
+            yield f"ignored the {what} of joints {names}: dampers may not weaken anywhere, nor springs give way"
 
 
 def _ball_joints(m: Any, tree: Tree) -> Iterator[str]:

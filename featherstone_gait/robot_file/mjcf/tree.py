@@ -14,6 +14,7 @@ from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
 from ...model import Base, HeightField, Joint, Link, Mimic
+from ...model.links import weakens
 from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Shape, Sphere
 from ..robot import MASSLESS
@@ -197,6 +198,9 @@ def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E:
         "friction": float(m.dof_frictionloss[dof]),
         "armature": float(m.dof_armature[dof]),
     }
+    b, c = damping_powers(m, j)
+    if b or c:
+        common |= {"quadratic_damping": b, "cubic_damping": c}
     if m.jnt_type[j] == BALL:
         return Joint(name, "ball", parent, child, vector(r), rpy_from_rotation(E), **common)
     return Joint(
@@ -221,6 +225,14 @@ def _spring(m: Any, j: int) -> dict[str, Any]:
         return {}
     found = {"stiffness": float(m.jnt_stiffness[j]), "spring_reference": float(m.qpos_spring[m.jnt_qposadr[j]])}
     return found | ({"quadratic_stiffness": b, "cubic_stiffness": c} if c else {})
+
+
+def damping_powers(m: Any, j: int) -> tuple[float, float]:
+    """Return what the damper of a joint has beyond the first power; zeros where it would weaken somewhere."""
+    if not hasattr(m, "dof_dampingpoly"):  # before MuJoCo 4
+        return 0.0, 0.0
+    b, c = m.dof_dampingpoly[m.jnt_dofadr[j]].tolist()
+    return (0.0, 0.0) if weakens(float(m.dof_damping[m.jnt_dofadr[j]]), b, c) else (b, c)
 
 
 def stiffness_powers(m: Any, j: int) -> tuple[float, float]:

@@ -215,13 +215,19 @@ def _joint_lines(model: Model, joint: Joint, at: Pose, body: Pose) -> list[str]:
         "axis": None if joint.type == "ball" else axis,
         "range": (max(joint.lower, -NO_STOP), min(joint.upper, NO_STOP)) if limited else None,
         "armature": armature or None,
-        "damping": damping or None,
+        "damping": _damping(joint, damping) or None,
         "frictionloss": friction or None,
         "stiffness": _stiffness(joint) or None,
         "springref": joint.spring_reference if _stiffness(joint) else None,
         "actuatorfrcrange": (-effort, effort) if effort < math.inf else None,
     }
     return element("joint", attributes)
+
+
+def _damping(joint: Joint, damping: float) -> float | tuple[float, ...]:
+    if not (joint.quadratic_damping or joint.cubic_damping):
+        return damping
+    return damping, joint.quadratic_damping, joint.cubic_damping
 
 
 def _stiffness(joint: Joint) -> float | tuple[float, ...]:
