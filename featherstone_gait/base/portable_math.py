@@ -1,4 +1,4 @@
-"""Sine, cosine and exponential with the bits of the kernels; a libm would differ between systems."""
+"""Sine, cosine, angle and exponential with the bits of the kernels; a libm would differ between systems."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from ..core.compile import elementary
 
 # With the JIT on a kernel cannot be called from Python, but its source can: on arrays it is NumPy, number by number.
-_sincos, _exp = (getattr(f, "py_func", f) for f in (elementary.sincos, elementary.exp))
+_sincos, _angle, _exp = (getattr(f, "py_func", f) for f in (elementary.sincos, elementary.angle, elementary.exp))
 
 
 def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
@@ -18,6 +18,11 @@ def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
         return _sincos(float(x))
     sine, cosine = _sincos(np.asarray(x, dtype=float))
     return np.asarray(sine), np.asarray(cosine)
+
+
+def angle(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Compute the angles of directions (x, y) to that of x [rad], from -pi to pi, 0 of no direction."""
+    return np.asarray(_angle(np.asarray(y, dtype=float), np.asarray(x, dtype=float)))
 
 
 def exp(x: np.ndarray) -> np.ndarray:

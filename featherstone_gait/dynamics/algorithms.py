@@ -18,6 +18,7 @@ from ..base.arguments import HUGE, floats, instance, listed, shown, vector
 from ..base.brief import FEW, brief
 from ..base.deprecated import warn
 from ..base.fixed_order import applied, product, total
+from ..base.portable_math import angle
 from ..core.compile.elementary import SINCOS_LIMIT
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.effects.touch import FLATNESS
@@ -451,6 +452,9 @@ def energy(
         b, c = powers.T
         if powers.any():
             out[:, 1] += total(stretch**3 * (b / 3.0 + 0.25 * c * stretch))
+    for first, joint in zip(model.balls, model.ball_joints):
+        if joint.stiffness:
+            out[:, 1] += 0.5 * joint.stiffness * total(rotation_vectors(model, x, first) ** 2)
     if any(one.stiffness > 0 for one in model.tendons):
         out[:, 1] += total(tendon_energy(model, x))
     for link in model.links:
@@ -667,6 +671,10 @@ def lengths_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.nda
     poses = forward_kinematics(model, q) if any(one.path for one in tendons) else None
     for k, tendon in enumerate(tendons):
         for name, c in tendon.joints:
+            if name in model.ball_names:
+                x = rotation_vectors(model, q, model.balls[model.ball_names.index(name)])
+                lengths[..., k] += c * np.sqrt(total(x * x))
+                continue
             held = name in model.held
             lengths[..., k] += c * (model.held[name] if held else single[..., model.joint_rows[name]])
         if poses is not None:
@@ -876,7 +884,9 @@ def _spring_torque(model: Model, q: np.ndarray, stiffness: ArrayLike | None) -> 
     joints = model.moving_joints
     K = np.array([j.stiffness for j in joints]) if stiffness is None else vector("stiffness", stiffness, len(joints))
     sprung = [one for one in model.tendons if one.stiffness > 0 and one.joints]
-    if not K.any() and not sprung and (stiffness is not None or not any(j.cubic_stiffness for j in joints)):
+    balls = [(first, one.stiffness) for first, one in zip(model.balls, model.ball_joints) if one.stiffness]
+    nonlinear = stiffness is None and any(j.cubic_stiffness for j in joints)
+    if not (K.any() or sprung or balls or nonlinear):
         return None
     force = np.zeros((len(q), model.nv))
     x = model.single_positions(q) - [j.spring_reference for j in joints]
@@ -884,11 +894,23 @@ def _spring_torque(model: Model, q: np.ndarray, stiffness: ArrayLike | None) -> 
     if stiffness is None:
         square, cube = np.array([(j.quadratic_stiffness, j.cubic_stiffness) for j in joints]).reshape(-1, 2).T
         force[:, model.nv - len(joints) :] -= x * x * (square + cube * x)
+    for first, k in balls:
+        own = model.nv - len(joints) + first
+        force[:, own : own + 3] -= k * rotation_vectors(model, q, first)
     for tendon, pull in zip(sprung, spring_forces(sprung, lengths_of(model, q, sprung)).T):
         for name, c in tendon.joints:
             if name not in model.held:
                 force[:, model.qd_index(name)] += c * pull
     return force
+
+
+def rotation_vectors(model: Model, q: np.ndarray, first: int) -> np.ndarray:
+    """Compute the rotation vectors (..., 3) [rad] of the ball joint whose first degree this is, in the child's axes."""
+    at = model.position_slices[first].start
+    w, x = q[..., at], q[..., at + 1 : at + 4]
+    size = np.sqrt(total(x * x))
+    turned = 2.0 * np.where(w < 0.0, -1.0, 1.0) * angle(size, abs(w))
+    return (turned / np.where(size > 0.0, size, 1.0))[..., None] * x
 
 
 def _still(tree: Tree, q: np.ndarray) -> Motion:

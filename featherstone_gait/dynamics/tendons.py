@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -9,8 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..base.fixed_order import total
 from ..model import Model, Tendon
-from .algorithms import forward_kinematics, lengths_of, pieces, positions_of
+from .algorithms import forward_kinematics, lengths_of, pieces, positions_of, rotation_vectors
 from .jacobians import jacobian_at
+
+EVEN = math.sqrt(1.0 / 3.0)  # direction in which a ball joint in its zero orientation is taken to turn
 
 
 def tendon_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
@@ -43,7 +46,12 @@ def rows_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.ndarra
     poses = forward_kinematics(model, q) if any(one.path for one in tendons) else None
     for k, tendon in enumerate(tendons):
         for name, c in tendon.joints:
-            if name not in model.held:
+            if name in model.ball_names:
+                first = model.balls[model.ball_names.index(name)]
+                x, own = rotation_vectors(model, q, first), model.nv - len(model.moving_joints) + first
+                size = np.sqrt(total(x * x))[..., None]
+                J[..., k, own : own + 3] += c * np.where(size > 0.0, x, EVEN) / np.where(size > 0.0, size, 1.0)
+            elif name not in model.held:
                 J[..., k, model.qd_index(name)] += c
         if poses is not None:
             for a, b, e, _ in pieces(model, poses, tendon):

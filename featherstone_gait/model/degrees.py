@@ -9,7 +9,7 @@
 | free | x, y, z along the axes of the joint's frame in the parent, then rx, ry, rz of a ball joint |
 
 A degree is called `joint.rx`.  Damping, friction, armature and the limits of effort and velocity of a joint are those
-of each of its degrees.
+of each of its degrees.  A ball joint may have a spring and a limit for its angle as a whole.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,7 +60,8 @@ def _chain(joint: Joint) -> Iterator[Joint]:
         name = f"{joint.name}.{suffix}"
         child = joint.child if k == len(parts) - 1 else name
         xyz, rpy = (joint.xyz, joint.rpy) if k == 0 else (STILL, STILL)
-        yield replace(joint, name=name, type=kind, parent=parent, child=child, xyz=xyz, rpy=rpy, axis=axis, axis2=None)
+        own: dict[str, Any] = {"axis": axis, "axis2": None, "stiffness": 0.0, "lower": -math.inf, "upper": math.inf}
+        yield replace(joint, name=name, type=kind, parent=parent, child=child, xyz=xyz, rpy=rpy, **own)
         parent = child
 
 
@@ -97,7 +98,8 @@ def written_degrees(joint: Joint) -> list[Joint]:
     if last.type != "ball":
         return single
     first = single[-3]
-    return [*single[:-3], replace(first, name=joint.name, child=last.child)]
+    whole = replace(first, name=joint.name, child=last.child, stiffness=joint.stiffness, upper=joint.upper)
+    return [*single[:-3], whole]
 
 
 def by_degree(held: Mapping[str, float], joints: Iterable[Joint]) -> dict[str, float]:

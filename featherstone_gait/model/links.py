@@ -128,7 +128,8 @@ class Joint:
         Axis of motion in the child frame, of unit length unless the joint is fixed; of a planar joint the normal of the
         plane.  Ball and free joints have none.
     lower, upper : float
-        Limits of the position [rad or m].
+        Limits of the position [rad or m]; of a ball joint `upper` limits the angle by which it is turned from its zero
+        orientation, about whatever axis, below pi.
     effort, velocity : float
         Limits of the torque or force [N m or N] and of the velocity [rad/s or m/s].
     damping, friction : float
@@ -136,7 +137,8 @@ class Joint:
     armature : float
         Inertia of what turns with the joint alone, such as a rotor [kg m^2 or kg].
     stiffness, spring_reference : float
-        Stiffness of a spring at the joint [N m/rad or N/m], and the position at which it is slack [rad or m].
+        Stiffness of a spring at the joint [N m/rad or N/m], and the position at which it is slack [rad or m].  That of
+        a ball joint turns it back about its rotation vector, and is slack in the zero orientation.
     quadratic_stiffness, cubic_stiffness : float
         Numbers b and c of a spring with the torque -(stiffness x + b x^2 + c x^3), x from the position at which it is
         slack [N m/rad^2 or N/m^2, N m/rad^3 or N/m^3].  It never gives way: b^2 <= 3 stiffness c.
@@ -253,7 +255,15 @@ class Joint:
         if self.type not in COMPOSITE:
             return
         real = is_real(self.lower) and is_real(self.upper)
-        if real and (self.lower, self.upper) != (-math.inf, math.inf):
+        if self.type == "ball":
+            if real and not (self.lower == -math.inf and (0.0 < self.upper < math.pi or self.upper == math.inf)):
+                yield (
+                    f"{what}: type 'ball' has limits {shown(self.lower)} to {shown(self.upper)}; expected no lower "
+                    "one, and one of its angle above 0 and below pi: correct them"
+                )
+            if is_real(self.spring_reference) and self.spring_reference != 0.0:
+                yield f"{what}: type 'ball' has spring_reference {shown(self.spring_reference)}; expected 0: remove it"
+        elif real and (self.lower, self.upper) != (-math.inf, math.inf):
             yield (
                 f"{what}: type {self.type!r} has limits {shown(self.lower)} to {shown(self.upper)}; expected none: "
                 "make it of joints of one degree of freedom to limit these"
@@ -263,7 +273,7 @@ class Joint:
         powers = self.quadratic_stiffness, self.cubic_stiffness
         if any(is_real(x) and x != 0.0 for x in powers):
             yield f"{what}: type {self.type!r} has a nonlinear spring; expected none: leave its numbers out"
-        if is_real(self.stiffness) and self.stiffness != 0.0:
+        if self.type != "ball" and is_real(self.stiffness) and self.stiffness != 0.0:
             yield f"{what}: type {self.type!r} has stiffness {shown(self.stiffness)}; expected 0: remove the spring"
 
 

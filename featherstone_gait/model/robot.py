@@ -284,6 +284,12 @@ class Model:
         """Number of position coordinates of the base: 7 if it floats, else 0."""
         return 7 if self.base == "floating" else 0
 
+    @property
+    def ball_joints(self) -> tuple[Joint, ...]:
+        """The ball joints that move, in the order of `balls`; of a free joint that turns, that joint."""
+        found = {joint.name: joint for joint in self.joints}
+        return tuple(found[name] for name in self.ball_names)
+
     @cached_property
     def balls(self) -> tuple[int, ...]:
         """Index in `moving_joints` of the first degree of each ball joint."""

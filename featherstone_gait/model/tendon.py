@@ -195,6 +195,11 @@ def check_tendons(links: Iterable[Link], joints: Iterable[Joint], tendons: Itera
                 )
 
 
+def ball_limit(joint: Joint) -> Tendon:
+    """Return the limit of a ball joint as a tendon, whose length is the angle by which the joint is turned."""
+    return Tendon(joint.name, ((joint.name, 1.0),), upper=joint.upper)
+
+
 def spring_tendon(spring: Spring) -> Tendon:
     """Return a spring between two links as a tendon."""
     path = (Via(spring.a, spring.point_a), Via(spring.b, spring.point_b))

@@ -132,7 +132,9 @@ def _spring_lines(joint: Joint) -> list[str]:
 def _stated_limits(joint: Joint) -> dict[str, float]:
     """Return the limits that URDF can state: no infinite effort or velocity; raise ValueError for infinite stops."""
     limits = {name: float(getattr(joint, name)) for name in ("lower", "upper", "effort", "velocity")}
-    if joint.type in (*COMPOSITE, "screw") and (joint.lower, joint.upper) == (-math.inf, math.inf):
+    if joint.type == "ball" or (
+        joint.type in (*COMPOSITE, "screw") and (joint.lower, joint.upper) == (-math.inf, math.inf)
+    ):
         return {name: limits[name] for name in ("effort", "velocity") if math.isfinite(limits[name])}
     if joint.type != "continuous" and not all(math.isfinite(limits[name]) for name in ("lower", "upper")):
         raise ValueError(
@@ -179,7 +181,8 @@ def _stated(part: Tendon | Controller) -> dict[str, Any]:
 def _own(joint: Joint) -> dict[str, float]:
     """Return what URDF cannot state of a joint."""
     names = "armature", "quadratic_stiffness", "cubic_stiffness", "quadratic_damping", "cubic_damping"
-    return {name: getattr(joint, name) for name in names if getattr(joint, name)}
+    found = {name: getattr(joint, name) for name in names if getattr(joint, name)}
+    return found | ({"upper": joint.upper} if joint.type == "ball" and joint.upper < math.inf else {})
 
 
 def _posture(model: Model, q: tuple[float, ...]) -> dict[str, Any]:

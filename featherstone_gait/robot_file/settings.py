@@ -21,7 +21,7 @@ from .toml import Problems, check_keys, name_pairs_of, number, read_toml, real, 
 
 OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
     "links": ("gravity_compensation",),
-    "joints": ("armature", "stiffness", "spring_reference", "quadratic_stiffness", "cubic_stiffness",
+    "joints": ("upper", "armature", "stiffness", "spring_reference", "quadratic_stiffness", "cubic_stiffness",
         "quadratic_damping", "cubic_damping"),
 }
 # Of the file.

@@ -25,7 +25,7 @@ from ..core.step.context import Scene
 from ..model import Controller, Ground, Loop, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, pair_contact
 from ..model.placed import Placed, SceneModel, check_scene_loops
-from ..model.tendon import spring_tendon
+from ..model.tendon import ball_limit, spring_tendon
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import ByChannel, StateView
 from .contact import build_contact, standing_posture
@@ -33,7 +33,7 @@ from .external import Push, build_lifts, build_pushes
 from .firmware import build_firmware, build_supply
 from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
 from .friction import Friction, build_drag, build_friction, sticks
-from .joint_spring import build_joint_springs, build_stiffening, fold_joint_springs
+from .joint_spring import build_ball_springs, build_joint_springs, build_stiffening, fold_joint_springs
 from .loop import Loops as LoopTables
 from .loop import build_loops, joined_loops
 from .options import SceneOptions, check_options
@@ -401,7 +401,11 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     options, ground = check_options(model, given), given.ground
     drive, g = build_drive(model, options.gearbox), np.asarray(options.gravity)
     _check_drives(model.name, [model], drive.sampled)
-    lines = (*(one for one in model.tendons if one.acts), *(spring_tendon(spring) for spring in options.springs))
+    lines = (
+        *(one for one in model.tendons if one.acts),
+        *(spring_tendon(spring) for spring in options.springs),
+        *(ball_limit(joint) for joint in model.ball_joints if joint.upper < math.inf),
+    )
     tree = with_rows(compile_tree(model), lines)
     contact, tendons = build_contact(model, tree, ground, g), build_tendons(model, tree, lines)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
@@ -437,6 +441,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         loops=_loops(build_loops(model) if model.loops else None, tree),
         stiffening=build_stiffening(model),
         drag=build_drag(model),
+        ball_springs=build_ball_springs(model),
         tendons=with_stops(tendons, model, lines, check.tendon_inertias, options.g),
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)

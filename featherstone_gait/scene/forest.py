@@ -269,6 +269,7 @@ def joined_constants(members: Sequence[Member], tree: Tree) -> Scene:
         joint_springs=stack("joint_springs", JOINT_SPRING),
         stiffening=stack("stiffening", STIFFENING),
         drag=stack("drag", DRAG),
+        ball_springs=_rows([one.ball_springs for one in all_of], joints),
         lifts=_on_bodies([one.lifts for one in all_of], moved, ("body",)),
         trees=tree.trees,
         balls=tree.balls,

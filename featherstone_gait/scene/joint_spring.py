@@ -25,17 +25,25 @@ def build_stiffening(model: Model) -> np.recarray | None:
     return table if table.quadratic_stiffness.any() or table.cubic_stiffness.any() else None
 
 
+def build_ball_springs(model: Model) -> np.ndarray | None:
+    """Return the stiffness of ball joints about each of their axes (n,) [N m/rad], None if none has a spring."""
+    found = np.zeros(len(model.moving_joints))
+    for first, joint in zip(model.balls, model.ball_joints):
+        found[first : first + 3] = joint.stiffness
+    return found if found.any() else None
+
+
 def stiffest(model: Model) -> np.ndarray:
     """Return the stiffness (n,) that limits explicit steps [N m/rad or N/m].
 
     Of a nonlinear spring that is the slope at the farther limit of the joint, or one radian or meter away.
     """
-    found = []
+    found, balls = [], build_ball_springs(model)
     for joint in model.moving_joints:
         ways = [abs(end - joint.spring_reference) for end in (joint.lower, joint.upper)]
         x = max(ways) if max(ways) < math.inf else 1.0
         found.append(joint.stiffness + 2.0 * abs(joint.quadratic_stiffness) * x + 3.0 * joint.cubic_stiffness * x * x)
-    return np.array(found)
+    return np.array(found) + (0.0 if balls is None else balls)
 
 
 def fold_joint_springs(

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.fixed_order import applied
 from ..core.effects.stop import STOP
-from ..core.effects.tendon import BEGIN, DRIVE, JOINT, PART, POINT, TENDON, Tendons
+from ..core.effects.tendon import BEGIN, DRIVE, JOINT, PART, POINT, TENDON, TURN, Tendons
 from ..core.integrate.integrator import Integrator
 from ..model import Model, Tendon
 from .actuator import pd_laws
@@ -41,6 +41,9 @@ def build_tendons(model: Model, tree: Tree, tendons: Sequence[Tendon]) -> Tendon
         for name, c in tendon.joints:
             if name in model.held:
                 row.offset += c * model.held[name]
+            elif name in model.ball_names:
+                dof = model.balls[model.ball_names.index(name)]
+                parts.append(_part(TURN, body[dof], c, dof, (0.0, 0.0, 0.0)))
             else:
                 dof = model.joint_rows[name]
                 parts.append(_part(JOINT, body[dof], c, dof, (0.0, 0.0, 0.0)))

@@ -101,7 +101,7 @@ def test_what_drag_takes_is_in_the_energies(integrator):
 @pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("midpoint", 2), ("implicit_euler", 1), ("ars343", 3)])
 def test_order_with_drag(integrator, order):
-    model = dragged(random_tree(4, 3))
+    model = dragged(random_tree(4, 3), 0.2)
     (q,), (qd,), _ = random_states(model, 1, 4)
     ends = []
     for name, h in (("rk4", 2e-5), (integrator, 2e-3), (integrator, 1e-3)):

@@ -1,4 +1,4 @@
-"""Sine, cosine, exponential and logarithm, equal to the bit in any width and with the JIT off.
+"""Sine, cosine, angle, exponential and logarithm, equal to the bit in any width and with the JIT off.
 
 The libms of two platforms differ in the last bit and have no lanes.  These functions use only + - * /, comparisons,
 `select` and `power_of_two`, and no fused multiply-add.  Each reduces its argument in extended precision (Cody and
@@ -15,7 +15,7 @@ from math import nan
 from numba.extending import register_jitable
 
 from .jit import INNER, kernel
-from .lanes import any_lane, exponent, power_of_two, select
+from .lanes import any_lane, exponent, power_of_two, select, sqrt
 
 # Adding and subtracting 1.5 * 2**52 rounds to an integer, 1.5 * 2**54 to a multiple of four.
 _ROUND = 1.5 * 2.0**52
@@ -26,6 +26,8 @@ _TWO_OVER_PI = 0.6366197723675814
 _HALF_PI_A = float.fromhex("0x1.921fb5444p+0")
 _HALF_PI_B = float.fromhex("0x1.68c234c4cp-39")
 _HALF_PI_C = float.fromhex("0x1.98a2e03707345p-77")
+_QUARTER_PI = 0.7853981633974483
+PI = 3.141592653589793
 NEAR = 2.0**17 * _HALF_PI_A
 # The same in five parts for angles beyond: four of 23 bits, whose products with n up to 2**30 are exact.
 _FAR_A = float.fromhex("0x1.921fb4p+0")
@@ -55,6 +57,7 @@ _LOG2_E = 1.4426950408889634
 _LN2_A = float.fromhex("0x1.62e42fefa38p-1")
 _LN2_B = float.fromhex("0x1.ef35793c76730p-45")
 _SQRT_2 = 1.4142135623730951
+_SQRT_HALF = 0.7071067811865476
 # exp of less is 0, of more is inf.
 _EXP_LOW = -746.0
 _EXP_HIGH = 710.0
@@ -122,6 +125,32 @@ def sincos(x):
     sine = select(odd, o, s)
     cosine = select(odd, s, o)
     return select(abs(g) > 1.0, -sine, sine), select(g > 0.0, -cosine, cosine)
+
+
+@kernel
+def angle(y, x):
+    """Return the angle of the direction (x, y) to that of x [rad], from -pi to pi, 0 of no direction; error 2 ulp of 1.
+
+    In the first two octants the guess a0 = pi/4 + d is at most 0.004 off, and sin(a - a0) = (y cos a0 - x sin a0) / r.
+    """
+    s, c = abs(y), abs(x)
+    r = sqrt(s * s + c * c)
+    none = r == 0.0
+    r = select(none, 1.0 + 0.0 * r, r)
+    s, c = s / r, select(none, 1.0 + 0.0 * r, c / r)
+    u = (s - c) / (s + c)
+    d = u * (_QUARTER_PI + 0.273 * (1.0 - abs(u)))
+    z = d * d
+    z2 = z * z
+    sine = d + (d * z) * ((_S0 + z * _S1) + z2 * ((_S2 + z * _S3) + z2 * (_S4 + z * _S5)))
+    cosine = (1.0 - 0.5 * z) + z2 * ((_C0 + z * _C1) + z2 * ((_C2 + z * _C3) + z2 * (_C4 + z * _C5)))
+    e = _SQRT_HALF * ((s - c) * cosine - (s + c) * sine)
+    small = s < 1e-2
+    e = select(small, s, e)
+    z = e * e
+    a = select(small, 0.0 * s, _QUARTER_PI + d) + e * (1.0 + z * (1.0 / 6.0 + z * (3.0 / 40.0 + z * (15.0 / 336.0))))
+    a = select(x < 0.0, PI - a, a)
+    return select(y < 0.0, -a, a)
 
 
 @kernel

@@ -26,7 +26,8 @@ from ..tree.forest import base_of, rows_of, tendons_of
 from ..tree.layout import U, V
 from ..tree.rank_one import FREE, answer, bind, clear, push_force, release
 from ..tree.rigid_body import point_position
-from ..tree.spatial import add, cross, dot, load3, scale, sub, vector
+from ..tree.spatial import add, cross, dot, load3, scale, store3, sub, vector
+from .ball_spring import rotation_vector
 from .contact import FLOOR, shifted
 from .pd_servo import PD, pd_branch, pd_torque
 from .stop import stop_branch, stop_torque
@@ -52,11 +53,11 @@ DRIVE = record(
 PART = record(
     kind=int,  # JOINT ...
     body=int,  # row of the body
-    dof=int,  # index of a joint's coordinate
+    dof=int,  # index of a joint's coordinate, of a ball joint's first
     coefficient=float,  # of a joint [m/rad or -], or of the distance from the point before [-]
     point=(float, 3),  # body frame [m]
 )
-JOINT, BEGIN, POINT = range(3)  # a path begins with a point that has no distance
+JOINT, BEGIN, POINT, TURN = range(4)  # a path begins with a point that has no distance; TURN: of a ball joint
 
 # Columns of a tendon's row in the workspace.
 LB = FREE  # length from which it moves on with the speed [m or rad]
@@ -67,6 +68,7 @@ T0 = FREE + 4  # linear model of the force: T0 - CT u
 CT = FREE + 5
 TL = FREE + 6  # its value at UN
 RT = FREE + 7  # inertial force at UK
+AXIS = FREE + 8  # 3: about which the ball joint of a tendon is turned, of which it has one at most
 
 
 @structure
@@ -105,17 +107,35 @@ def _opening(a, b, column, W):
 
 
 @inline
-def place_tendons(tendons, step, q, v, ahead):
+def place_tendons(tendons, step, q, ball_q, v, ahead):
     """Fill lengths and speeds of a tree's tendons, whose joints have the positions q and speeds v.
 
-    ahead: how long after the step's start the poses are those of W [s]; q are those at the start.
+    ahead: how long after the step's start the poses are those of W and of the quaternions ball_q [s]; q are those at
+    the start.
     """
     if tendons is not None:
-        _place(tendons, step, q, v, ahead)
+        _place(ball_q, tendons, step, q, v, ahead)
+
+
+@inline
+def _turned(ball_q, tree, p, row, W):
+    """Return the angle of a ball joint [rad], and store the axis about which it is turned."""
+    if ball_q is None:
+        return 0.0 * W[row, LB]
+    x = rotation_vector(ball_q, 4 * tree[p.body].ball)
+    size = sqrt(dot(x, x))
+    store3(W, row, AXIS, scale(x, 1.0 / select(size > 0.0, size, 1.0 + 0.0 * size)))
+    return size
+
+
+@inline
+def _about(W, row, dof, rates):
+    """Return the rate of a ball joint's angle."""
+    return dot(load3(W, row, AXIS), (rates[dof], rates[dof + 1], rates[dof + 2]))
 
 
 @kernel
-def _place(tendons, step, q, v, ahead):
+def _place(ball_q, tendons, step, q, v, ahead):
     W, (first, end) = step.W, tendons_of(step.part, tendons.table)
     for c in range(first, end):
         t = tendons.table[c]
@@ -124,6 +144,11 @@ def _place(tendons, step, q, v, ahead):
             p = tendons.parts[k]
             if p.kind == JOINT:
                 length, speed = length + p.coefficient * q[p.dof], speed + p.coefficient * v[p.dof]
+            elif p.kind == TURN:
+                turned = _turned(ball_q, step.scene.tree, p, t.row, W)
+                rate = _about(W, t.row, p.dof, v)
+                length = length + p.coefficient * (turned - ahead * rate)
+                speed = speed + p.coefficient * rate
             elif p.kind == POINT:
                 distance, rate = _opening(tendons.parts[k - 1], p, V, W)
                 length = length + p.coefficient * (distance - ahead * rate)
@@ -141,6 +166,9 @@ def _respond(tendons, t, inertia, step):
         b = tendons.parts[k]
         if b.kind == JOINT:
             push_torque(tree, root, b.body, b.coefficient, t.column, t.row, W)
+        elif b.kind == TURN:
+            for j in range(3):
+                push_torque(tree, root, b.body + j, b.coefficient * W[t.row, AXIS + j], t.column, t.row, W)
         elif b.kind == POINT:
             a = tendons.parts[k - 1]
             x, y, _, e = _apart(a, b, W)
@@ -262,6 +290,8 @@ def _solved(tendons, step, accelerations):
             p = tendons.parts[k]
             if p.kind == JOINT:
                 rate = rate + p.coefficient * accelerations[p.dof]
+            elif p.kind == TURN:
+                rate = rate + p.coefficient * _about(W, t.row, p.dof, accelerations)
             elif p.kind == POINT:
                 _, along = _opening(tendons.parts[k - 1], p, U, W)
                 rate = rate + p.coefficient * along

@@ -12,7 +12,6 @@ from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
 from ..effects.friction import move_friction
 from ..effects.gear_friction import GearFriction
-from ..effects.joint_spring import plus_spring
 from ..effects.pair import move_pairs
 from ..effects.stop import move_stop
 from ..effects.tendon import UN, move_tendons
@@ -21,7 +20,7 @@ from ..tree.forest import base_of, is_fixed, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, move_base
 from .context import of_tree
 from .island import solve_islands
-from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, rotor_speed, solve_step, with_predicted
+from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, plus_springs, rotor_speed, solve_step, with_predicted
 
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
@@ -115,7 +114,7 @@ def _driving(friction, step, i, v, w):
     Tf = move_drag(step.scene.drag, step, i, v, move_friction(friction, step, i, v))
     Ts = move_stop(step.scene.stops, step, i, v)
     T, _, _, _, _, _ = joint_force(friction, step, i, v, w)
-    others, _ = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, Tf + Ts, 0.0)
+    others, _ = plus_springs(step, i, v, Tf + Ts, 0.0)
     return T - others
 
 

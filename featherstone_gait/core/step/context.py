@@ -42,6 +42,7 @@ class Scene(NamedTuple):
     loops: tuple | None = None  # Loops, of a scene of one robot
     stiffening: np.ndarray | None = None  # (n,) STIFFENING, of joint springs
     drag: np.ndarray | None = None  # (n,) DRAG of joints
+    ball_springs: np.ndarray | None = None  # (n,) stiffness of ball joints, about each of their axes [N m/rad]
     tendons: tuple | None = None  # Tendons, with springs between bodies
 
 
@@ -150,7 +151,7 @@ def with_bodies(step, tree):
         friction=s.friction, stops=s.stops, contact=s.contact, push=s.push, coupling=s.coupling,
         firmware=s.firmware, supply=s.supply, joint_springs=s.joint_springs, lifts=s.lifts, trees=s.trees,
         pairs=s.pairs, balls=s.balls, loops=s.loops, tendons=s.tendons, stiffening=s.stiffening,
-        drag=s.drag,
+        drag=s.drag, ball_springs=s.ball_springs,
     )  # fmt: skip
     return Step(
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,

@@ -8,13 +8,13 @@ from ..compile.by_type import overridable
 from ..compile.jit import inline
 from ..compile.optional import any_present, item_or_zero, plus_item
 from ..effects.actuator import actuator_rates
+from ..effects.ball_spring import place_ball_springs
 from ..effects.contact import contact_rates
 from ..effects.drag import drag_rates
 from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
 from ..effects.friction import direction, friction_rates
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
-from ..effects.joint_spring import plus_spring
 from ..effects.pair import pair_rates
 from ..effects.stop import stop_rates
 from ..effects.tendon import U0, linearize_tendons, move_tendons, place_tendons
@@ -25,7 +25,7 @@ from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
 from .closure import close_joined, close_loops, joined_by, place_loops
 from .context import of_tree
-from .newton import CJ, DIAGONAL, TAU, articulate, bases_at, external_forces
+from .newton import ANGLE, CJ, DIAGONAL, TAU, articulate, bases_at, external_forces, plus_springs
 
 
 @inline
@@ -56,6 +56,7 @@ def _forces(step, dy):
     q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
     ball_q = ball_positions(scene.balls, y, offsets.ball_q)
     motion_pass(scene.tree, part, scene.gravity, Motion(bq, bv, None, q, v, None, ball_q), step.W)
+    place_ball_springs(scene.ball_springs, scene.balls, part, ball_q, v, 0.0, step.Z[ANGLE])
     for i in range(first, end):
         speed = v[i]
         T, Tf = _drive_and_friction(scene.friction, step, dy, i, speed)
@@ -64,10 +65,10 @@ def _forces(step, dy):
         y[offsets.torque + i] = T + 0.0 * speed
         dy[offsets.energy + ENERGIES * i + WORK] = T * speed
         others = Tf + stop_rates(scene.stops, step, dy, i, speed)
-        others, _ = plus_spring(scene.joint_springs, scene.stiffening, step, i, speed, others, 0.0)
+        others, _ = plus_springs(step, i, speed, others, 0.0)
         step.Z[TAU, i] = T + others
     contact_rates(scene.contact, step, dy)
-    place_tendons(scene.tendons, step, q, v, 0.0)
+    place_tendons(scene.tendons, step, q, ball_q, v, 0.0)
     linearize_tendons(scene.tendons, step)
     move_tendons(scene.tendons, step, U0)
 

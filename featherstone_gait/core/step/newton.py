@@ -28,6 +28,7 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
 from ..compile.optional import any_present, item_or_zero, only_if, plus_item, slice_if
 from ..effects.actuator import actuator_force, rotor_of
+from ..effects.ball_spring import place_ball_springs, plus_ball_spring
 from ..effects.contact import (
     FLOOR,
     compare_contacts,
@@ -90,7 +91,8 @@ DA = 18  # what it returns: acceleration beyond the predicted one
 STRIBECK = 19  # of gear_friction.py: what is left at VP of what falls with the speed
 DRIVE = 20  # what drives a gear, where its forces were last asked for, and its friction
 RUB = 21
-SCRATCH = 22
+ANGLE = 22  # rotation vectors of ball joints with springs
+SCRATCH = 23
 
 
 @inline
@@ -110,8 +112,16 @@ def solve_step(step):
 @inline
 def place_tendons_at(step):
     """Fill lengths and speeds of tendons at the predicted state."""
-    q = step.y[step.offsets.q :]
-    place_tendons(step.scene.tendons, step, q, step.Z[VP], lookahead(step.predicted, step.h_implicit))
+    q, ball_q = step.y[step.offsets.q :], _balls_at(step.predicted, step)
+    place_tendons(step.scene.tendons, step, q, ball_q, step.Z[VP], lookahead(step.predicted, step.h_implicit))
+
+
+@inline
+def _balls_at(predicted, step):
+    """Return the quaternions of ball joints at the predicted state, None without ball joints."""
+    if predicted is None:
+        return ball_positions(step.scene.balls, step.y, step.offsets.ball_q)
+    return last_balls(step.scene.balls, predicted)
 
 
 @inline
@@ -141,7 +151,7 @@ def external_forces(push, lifts, step):
 @inline
 def acting(step):
     """Return True, None where only gravity, bias forces and torques from outside act on the joints."""
-    springs = any_present(step.scene.joint_springs, step.scene.stiffening)
+    springs = any_present(step.scene.joint_springs, any_present(step.scene.stiffening, step.scene.ball_springs))
     own = any_present(step.scene.stops, any_present(springs, step.scene.tendons))
     losses = any_present(step.scene.friction, step.scene.drag)
     return any_present(step.actuator, any_present(losses, own))
@@ -204,6 +214,8 @@ def predict(predicted, rotor, step):
         motion = Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a, ball_q)
         motion_pass(scene.tree, part, scene.gravity, motion, step.W)
     place_loops(scene.loops, bases_at(predicted, step), step)
+    ahead = lookahead(predicted, step.h_implicit)
+    place_ball_springs(scene.ball_springs, scene.balls, part, ball_q, Z[VP], ahead, Z[ANGLE])
     for i in range(first, end):
         Z[VK, i] = Z[VP, i]
         if rotor is not None:
@@ -253,9 +265,16 @@ def joint_force(friction, step, i, v, w):
     Tf, cf = friction_torque(friction, step, i, v)
     Tf, cf = plus_drag(step.scene.drag, i, v, Tf, cf)
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
-    T, c = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, Tf + Ts, cf + cs)
+    T, c = plus_springs(step, i, v, Tf + Ts, cf + cs)
     T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, plus_item(T, step.tau, i), c)
     return T, F, c, cg, cr, cg
+
+
+@inline
+def plus_springs(step, i, v, T, c):
+    """Return T plus the torque of the springs of joint i at the speed v [N m], and c plus its slope -dT/dv."""
+    T, c = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, T, c)
+    return plus_ball_spring(step.scene.ball_springs, step.Z[ANGLE], step.h_implicit, i, v, T, c)
 
 
 @joint_force.of(GearFriction)
@@ -265,7 +284,7 @@ def _with_gear_friction(friction, step, i, v, w):
     Tf, cf, by_m = gear_friction_torque(friction, step, i, v, Tm)
     step.Z[DRIVE, i], step.Z[RUB, i] = Tm, Tf
     Tf, cf = plus_drag(step.scene.drag, i, v, Tf, cf)
-    T, ck = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, (Tm + Tf) + Ts, cf + cs)
+    T, ck = plus_springs(step, i, v, (Tm + Tf) + Ts, cf + cs)
     return plus_item(T, step.tau, i), F, c * (1.0 + by_m) + ck, cg, cr, cg * (1.0 + by_m)
 
 

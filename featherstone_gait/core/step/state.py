@@ -89,7 +89,7 @@ CHANNELS = (
     Channel("pair_normal_force", "derived", "slot", 1, "N", "its part along the normal"),
     Channel("pair_gap", "derived", "slot", 1, "m", "gap of the surfaces, negative where they overlap"),
     Channel("pair_position", "derived", "slot", 3, "m", "where the force acts, world frame", tuple("xyz")),
-    Channel("tendon_force", "derived", "tendon", 1, "N or N m", "force along each tendon that acts, then each spring"),
+    Channel("tendon_force", "derived", "tendon", 1, "N or N m", "of tendons, then springs, limits of ball joints"),
     Channel("velocity_change", "watched", "joint", 1, "rad/s or m/s", "last change of qd"),
     Channel("chatter", "watched", "joint", 1, "rad/s or m/s", "running mean of alternating less lasting changes of qd"),
     Channel("worst_chatter", "watched", "joint", 1, "rad/s or m/s", "the largest chatter so far"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -94,8 +95,20 @@ def _ball_joints(m: Any, tree: Tree) -> Iterator[str]:
     """Yield what ball joints have that is left out."""
     own = [j for j in range(m.njnt) if m.jnt_type[j] == BALL and tree.holds(m, int(m.jnt_bodyid[j]))]
     parts = {
-        "limits": [j for j in own if m.jnt_limited[j] and not m.opt.disableflags & (NO_LIMITS | NO_CONSTRAINTS)],
-        "springs": [j for j in own if m.jnt_stiffness[j] and not m.opt.disableflags & NO_SPRINGS],
+        "limits of 0 and of half a turn": [
+            j
+            for j in own
+            if m.jnt_limited[j]
+            and not 0.0 < m.jnt_range[j, 1] < math.pi
+            and not m.opt.disableflags & (NO_LIMITS | NO_CONSTRAINTS)
+        ],
+        "references of springs": [
+            j
+            for j in own
+            if m.jnt_stiffness[j]
+            and not m.opt.disableflags & NO_SPRINGS
+            and abs(m.qpos_spring[m.jnt_qposadr[j]]) != 1.0
+        ],
     }
     for what, joints in parts.items():
         if joints:

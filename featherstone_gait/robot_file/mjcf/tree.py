@@ -202,6 +202,9 @@ def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E:
     if b or c:
         common |= {"quadratic_damping": b, "cubic_damping": c}
     if m.jnt_type[j] == BALL:
+        common["stiffness"] = 0.0 if m.opt.disableflags & NO_SPRINGS else float(m.jnt_stiffness[j])
+        if limited and 0.0 < upper < math.pi:
+            common["upper"] = upper
         return Joint(name, "ball", parent, child, vector(r), rpy_from_rotation(E), **common)
     return Joint(
         name,

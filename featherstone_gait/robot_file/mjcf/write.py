@@ -207,18 +207,19 @@ def _joint_lines(model: Model, joint: Joint, at: Pose, body: Pose) -> list[str]:
         anchor, axis = applied(back, at[1] - body[1]), applied(product(back, at[0]), axis)
     damping, friction, armature = passive(model, joint)
     limited = joint.lower > -math.inf or joint.upper < math.inf
+    lowest = 0.0 if joint.type == "ball" else -NO_STOP
     effort = max(joint.effort, LEAST_EFFORT)
     attributes = {
         "name": joint.name,
         "type": {"prismatic": "slide", "ball": "ball"}.get(joint.type, "hinge"),
         "pos": anchor if anchor.any() else None,
         "axis": None if joint.type == "ball" else axis,
-        "range": (max(joint.lower, -NO_STOP), min(joint.upper, NO_STOP)) if limited else None,
+        "range": (max(joint.lower, lowest), min(joint.upper, NO_STOP)) if limited else None,
         "armature": armature or None,
         "damping": _damping(joint, damping) or None,
         "frictionloss": friction or None,
         "stiffness": _stiffness(joint) or None,
-        "springref": joint.spring_reference if _stiffness(joint) else None,
+        "springref": joint.spring_reference if _stiffness(joint) and joint.type != "ball" else None,
         "actuatorfrcrange": (-effort, effort) if effort < math.inf else None,
     }
     return element("joint", attributes)
