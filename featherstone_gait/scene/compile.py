@@ -401,11 +401,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     options, ground = check_options(model, given), given.ground
     drive, g = build_drive(model, options.gearbox), np.asarray(options.gravity)
     _check_drives(model.name, [model], drive.sampled)
-    lines = (
-        *(one for one in model.tendons if one.acts),
-        *(spring_tendon(spring) for spring in options.springs),
-        *(ball_limit(joint) for joint in model.ball_joints if joint.upper < math.inf),
-    )
+    lines = _lines(model, options.springs)
     tree = with_rows(compile_tree(model), lines)
     contact, tendons = build_contact(model, tree, ground, g), build_tendons(model, tree, lines)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
@@ -460,6 +456,15 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         upright=upright,
         stiff=drive.switches or ground is not None or check.largest_explicit_step < STIFF or sticks(friction),
         compiled=constants,
+    )
+
+
+def _lines(model: Model, springs: Iterable[Spring]) -> tuple[Tendon, ...]:
+    """Return what acts along a length: tendons, springs between links, and limits of ball joints."""
+    return (
+        *(one for one in model.tendons if one.acts),
+        *(spring_tendon(spring) for spring in springs),
+        *(ball_limit(joint) for joint in model.ball_joints if joint.upper < math.inf),
     )
 
 
