@@ -25,7 +25,7 @@ from ..robot_file.mjcf.read import heard
 from ..robot_file.mjcf.write import mjcf_text
 from ..run.program import SEEN, CompiledController, State
 from ..run.reference import Reference
-from ..run.start import standing_state
+from ..run.start import positions_in, standing_state
 from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
@@ -209,9 +209,9 @@ def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.nda
     """
     if scene.ground is None:
         raise ValueError(f"{scene.model.name}: there is no ground to stand on; compile the scene with ground=Ground()")
-    q = standing_state(scene, angles, allow_limit_violation=True)[slice(*scene.part("base_q"))]
+    q = positions_in(scene, standing_state(scene, angles, allow_limit_violation=True))
     q[2] += scene.ground.penetration - sinking
-    return np.concatenate([q, angles])
+    return q
 
 
 def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep: float = TIMESTEP) -> float:
@@ -384,8 +384,6 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     laws = {name: servo.controller.law for name, servo in servos.items()}
     missing = [f"{name}: the torque law {law!r}" for name, law in laws.items() if law in TORQUE_LAWS]
     missing += ["springs between bodies"] * bool(scene.springs)
-    if scene.gearbox == "mipsd" and len(servos) < len(model.joint_names):
-        missing.append("joints without a servo beside spring-damper gearboxes")
     if missing:
         raise ValueError(f"{model.name}: the replay in MuJoCo lacks {missing[0]}; leave it out of the robot to compare")
     return servos
@@ -417,14 +415,19 @@ def _machine(
                 m.dof_armature[address] += servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
     q, motor, rotor = np.array([joint.qposadr[0] for joint in joints]), v, None
     if scene.gearbox == "mipsd":
-        rotors = [m.joint(PREFIX + name) for name in model.joint_names]
+        rotors = [m.joint(PREFIX * (name in servos) + name) for name in model.joint_names]  # else the joint itself
         motor, rotor = (np.array([getattr(x, of)[0] for x in rotors]) for of in ("dofadr", "qposadr"))
-    gears = np.array([(servo.gearbox.stiffness, servo.gearbox.damping) for servo in servos.values()])
+    gears = np.zeros((len(v), 2))
+    gears[[model.joint_rows[name] for name in servos]] = [
+        (servo.gearbox.stiffness, servo.gearbox.damping) for servo in servos.values()
+    ]
     rigid = m.dof_armature[v] if scene.gearbox == "rotor" else armature
     viscous, coulomb = m.dof_damping[v].copy(), m.dof_frictionloss[v].copy()
     if loaded:  # budgets come each step
         m.dof_frictionloss[v] = np.maximum(coulomb, LEAST)
     m.dof_solref[v], m.dof_solimp[v, :2] = (2.0 * h, 1.0), 0.9999  # joints that stick hardly creep
+    loops = np.isin(m.eq_type, [getattr(mujoco.mjtEq, f"mjEQ_{kind}") for kind in ("CONNECT", "WELD", "TENDON")])
+    m.eq_solref[loops], m.eq_solimp[loops, :2] = (2.0 * h, 1.0), 0.9999  # and loops hardly open
     chain = ServoChain([servos.get(name) for name in model.joint_names], h, model.supply)
     return _Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded,
                     free[:, None] + np.arange(7), thrown)  # fmt: skip

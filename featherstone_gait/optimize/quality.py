@@ -135,10 +135,11 @@ def _limits_in(cost: WalkingCost, run: Trajectory, watch: Watch) -> dict[str, An
 def _currents(cost: WalkingCost, run: Trajectory, window: slice) -> dict[str, Any]:
     model = cost.scene.model
     names = [name for name in model.joint_names if name in model.servos]
-    I, times = np.abs(run["current"][window]), run["time"][window]
+    driven = [model.joint_rows[name] for name in names]
+    I, times = np.abs(run["current"][window][:, driven]), run["time"][window]
     row, joint = np.unravel_index(I.argmax(), I.shape)
     volts = np.array([model.servos[name].voltage_limit for name in names])
-    drawn = np.maximum(run["voltage"][window] * run["current"][window], 0.0) / volts
+    drawn = np.maximum(run["voltage"][window] * run["current"][window], 0.0)[:, driven] / volts
     meter = run["energy"][window, :, METER][[0, -1]]
     energy = dict(zip(model.joint_names, (meter[1] - meter[0]).tolist()))
     return {

@@ -229,6 +229,9 @@ def standing_state(scene: CompiledScene, angles: ArrayLike, allow_limit_violatio
         raise ValueError(f"{model.name}: only a floating robot over ground stands; its base is {model.base}")
     check_no_balls(scene, "standing_state")
     q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *vector("angles", angles, scene.tree.n)])
+    if model.loops:
+        passive = [name for name in model.joint_names if name not in model.servos]
+        q = close_loops(model, q, joints=passive if model.servos else None, hold_base=True)
     q[2] = standing_height(model, scene.ground, q)
     return initial_state(scene, q, allow_limit_violation=allow_limit_violation)
 

@@ -14,17 +14,20 @@ ankle does not roll; one of three or four, the position of a point foot.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, floats, instance
-from ..base.fixed_order import product, solve, total
+from ..base.fixed_order import applied, product, solve, total
 from ..dynamics import check_model
+from ..dynamics.algorithms import loop_measures
 from ..dynamics.jacobians import jacobian_at, point_at
+from ..dynamics.loops import DEPENDENT
 from ..model import Model
-from .kinematics import joint_axes, joint_limits, link_index, link_poses
+from .kinematics import joint_axes, joint_limits, link_index, link_poses, upright_states
 
 TOLERANCE = 1e-11  # of the task error [m and rad]; rounding alone leaves 1e-16
 MAX_ITERATIONS = 200
@@ -164,6 +167,31 @@ def nearest(
         step = product(transposed, solve(product(J, transposed) + damping, error[..., None]))
         angles[:, columns] += np.clip(step[..., 0], -MAX_STEP, MAX_STEP)
     return angles, size
+
+
+def closed(model: Model, angles: np.ndarray, held: Iterable[int]) -> np.ndarray:
+    """Close loops and couplings of postures (n, nj) [rad], and return them; the columns `held` stay as they are.
+
+    Each step is the shortest that closes them to first order.  Raises ValueError, naming the gap, where they do not.
+    """
+    free = np.setdiff1d(np.arange(len(model.joint_names)), list(held))
+    rows, first = model.joint_rows, model.nv - len(model.joint_names)
+    tied = [(rows[a], rows[b], k, offset) for a, b, k, offset in model.couplings if rows[a] in free or rows[b] in free]
+    if not model.loops and not tied:
+        return angles
+    C = np.zeros((len(tied), len(rows)))
+    for row, (follower, leader, multiplier, _) in zip(C, tied):
+        row[follower], row[leader] = 1.0, -multiplier
+    angles, offsets = angles.copy(), np.array([offset for *_, offset in tied])
+    for _ in range(MAX_ITERATIONS):
+        measures, J = loop_measures(model, upright_states(model, angles))
+        gaps = np.concatenate([measures[:, 0], applied(C, angles) - offsets], axis=1)
+        if np.abs(gaps).max(initial=0.0) < TOLERANCE:
+            return angles
+        J = np.concatenate([J[:, :, first:], np.broadcast_to(C, (len(angles), *C.shape))], axis=1)[:, :, free]
+        step = np.linalg.pinv(J, rcond=DEPENDENT) @ gaps[:, :, None]
+        angles[:, free] -= np.clip(step[..., 0], -MAX_STEP, MAX_STEP)
+    raise ValueError(f"loops of {model.name!r} do not close in the planned postures: a gap of {np.abs(gaps).max():.2e}")
 
 
 def _met(model: Model, columns: list[int]) -> list[int]:

@@ -221,7 +221,7 @@ def of_servos(scene: CompiledScene, run: Trajectory, window: slice) -> dict[str,
     columns = [(net_stall_torque(s), s.resistance, s.gearbox.ratio * s.motor_constant, s.voltage_limit) for s in servos]
     stall, R, k, V = np.array(columns).T
     torque = np.abs(run["torque"][window][:, driven]) / stall
-    line = np.abs(R * run["current"][window] + k * run["qd"][window][:, driven]) / V
+    line = np.abs(R * run["current"][window][:, driven] + k * run["qd"][window][:, driven]) / V
     always = np.ones(torque.shape)
     return {"torque": Quantity(torque, always, names), "line": Quantity(line, always, names)}
 

@@ -31,7 +31,7 @@ from ..dynamics import check_model
 from ..model import Model
 from ..scene.tree import GRAVITY
 from .auxiliary_zmp import plan_com_auxiliary
-from .inverse_kinematics import check_limits, reach
+from .inverse_kinematics import check_limits, closed, reach
 from .kinematics import center_of_mass
 from .preview_control import plan_com
 from .stance import Sole, default_posture, first_base, soles_of
@@ -400,6 +400,7 @@ def _follow(
                 model, sole.link, feet_path[:, k] - base, point=sole.middle, rotation=sole.rotation,
                 joints=sole.joints, start=angles, times=times, tolerance=1e-2 * followed,
             )  # fmt: skip
+        angles = closed(model, angles, (column for sole in soles for column in sole.joints))
         missed = com - center_of_mass(model, angles, base)
         if np.abs(missed).max() < followed:
             return angles, base

@@ -7,8 +7,10 @@ Example::
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from ..base.arguments import texts, truth
 from ..base.files import FilePath
 from ..dynamics import contact_positions_at
 from ..geometry.contact_choice import Choice
-from ..model import Base, Model
+from ..model import Base, Loop, Model
 from ..robot_file import load_robot, robot_names
 from ..robot_file.servos import with_servo
 from .generic_servo import with_generic_servos
@@ -57,22 +59,54 @@ def load_walker(
             found = load_robot(robot, **known)
     moving = found.joint_names
     if legs_only:
-        moving = tuple(moving[k] for sole in soles_of(found) for k in sole.joints)
+        moving = with_tied(found, [moving[k] for sole in soles_of(found) for k in sole.joints])
     if joints is not None:
         moving = tuple(texts("joints", joints))
         if unknown := [name for name in moving if name not in found.joint_names]:
             raise ValueError(f"joints: {unknown[0]!r} is no moving joint of {found.name}; load it without holding it")
     rest = zip(found.moving_joints, standing(found)[0].tolist())
     held = {one.name: min(max(angle, one.lower), one.upper) for one, angle in rest if one.name not in moving}
-    return load_robot(robot, **known | ({"locked": {**found.locked, **held}} if held else {}))
+    found = load_robot(robot, **known | ({"locked": {**found.locked, **held}} if held else {}))
+    kept = tuple(loop for loop in found.loops if _between(found, loop))  # others tie links that are one body
+    return found if kept == found.loops else replace(found, loops=kept)
+
+
+def with_tied(model: Model, joints: Iterable[str]) -> tuple[str, ...]:
+    """Return these joints and all that loops and couplings tie to them, in the order of the model."""
+    groups = [_between(model, loop) for loop in model.loops]
+    groups += [{follower, leader} for follower, leader, *_ in model.couplings]
+    found, before = {*joints}, set[str]()
+    while found != before:
+        before = found
+        found = found.union(*(group for group in groups if group & found))
+    return tuple(name for name in model.joint_names if name in found)
+
+
+def _between(model: Model, loop: Loop) -> set[str]:
+    """Return the moving joints between the two links of a loop."""
+    return {*_way(model, loop.a)} ^ {*_way(model, loop.b or model.root)}
+
+
+def _way(model: Model, link: str) -> Iterator[str]:
+    """Yield the moving joints between the root and a link."""
+    while link != model.root:
+        joint = next(one for one in model.joints if one.child == link)
+        if joint.name in model.joint_names:
+            yield joint.name
+        link = joint.parent
 
 
 def driven(model: Model, servo: FilePath) -> Model:
     """Return the robot with one servo in all joints that turn: as of `load_servo`, or "generic".
 
     "generic" is an AX-12 scaled to the robot's mass and legs (`with_generic_servos`), twice as strong for its weight;
-    "generic:4" is four times as strong.
+    "generic:4" is four times as strong.  In a robot with loops only joints get servos that have motors in its file (an
+    effort, or an own servo).
     """
+    if model.loops:
+        motors = {joint.name for joint in model.moving_joints if math.isfinite(joint.effort)} | {*model.servos}
+        given = driven(replace(model, loops=()), servo)
+        return replace(given, loops=model.loops, servos={k: v for k, v in given.servos.items() if k in motors})
     name, _, factor = str(servo).partition(":")
     if name != GENERIC or Path(servo).exists():
         return with_servo(model, servo)
