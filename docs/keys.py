@@ -11,7 +11,21 @@ from collections.abc import Iterable
 from dataclasses import MISSING, Field, fields
 from typing import Any, get_args
 
-from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Loop, Servo, Supply, Tendon
+from featherstone_gait.model import (
+    ContactPoint,
+    Controller,
+    Fluid,
+    Gearbox,
+    Immersed,
+    Joint,
+    Link,
+    Loop,
+    Propeller,
+    Servo,
+    Supply,
+    Tendon,
+)
+from featherstone_gait.model.fluid import LAWS
 from featherstone_gait.model.loop import LoopKind
 from featherstone_gait.model.servo import Law
 from featherstone_gait.robot_file.servos import PARTS, SERVO_KEYS
@@ -21,6 +35,9 @@ TABLES: dict[str, tuple[type, Iterable[str]]] = {
     "contacts": (ContactPoint, [f.name for f in fields(ContactPoint)]),
     "loops": (Loop, [f.name for f in fields(Loop)]),
     "tendons": (Tendon, [f.name for f in fields(Tendon)]),
+    "immersed": (Immersed, [f.name for f in fields(Immersed)]),
+    "propellers": (Propeller, [f.name for f in fields(Propeller)]),
+    "fluid": (Fluid, [f.name for f in fields(Fluid)]),
     "links": (Link, OWN["links"]),
     "joints": (Joint, OWN["joints"]),
     "supply": (Supply, [f.name for f in fields(Supply)]),
@@ -32,6 +49,11 @@ UNIT = re.compile(r"\[([^\]]+)\]")
 ALLOWED = {  # by type, of fields that state no range
     "str": "text",
     "Law": ", ".join(get_args(Law)),
+    "FluidLaw": ", ".join(LAWS),
+    "Geometry": "{shape, radius, ...}",
+    "float | Vector": "number >= 0, [x, y, z]",
+    "tuple[float, ...]": "[number, ...]",
+    "tuple[tuple[float, ...], ...] | None": "six rows of six",
     "LoopKind": ", ".join(get_args(LoopKind)),
     "str | None": "text",
     "bool": "true, false",

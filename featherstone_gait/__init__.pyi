@@ -42,14 +42,17 @@ from .geometry.distance import Clearance as Clearance
 from .geometry.distance import clearance as clearance
 from .model import ContactPoint as ContactPoint
 from .model import Controller as Controller
+from .model import Fluid as Fluid
 from .model import Gearbox as Gearbox
 from .model import Ground as Ground
 from .model import HeightField as HeightField
+from .model import Immersed as Immersed
 from .model import Joint as Joint
 from .model import Link as Link
 from .model import Loop as Loop
 from .model import Mimic as Mimic
 from .model import Model as Model
+from .model import Propeller as Propeller
 from .model import Servo as Servo
 from .model import Spring as Spring
 from .model import Supply as Supply

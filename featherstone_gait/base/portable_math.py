@@ -1,4 +1,4 @@
-"""Sine, cosine, angle and exponential with the bits of the kernels; a libm would differ between systems."""
+"""Sine, cosine, angle, exponential and power with the bits of the kernels; a libm would differ between systems."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 from ..core.compile import elementary
 
 # With the JIT on a kernel cannot be called from Python, but its source can: on arrays it is NumPy, number by number.
-_sincos, _angle, _exp = (getattr(f, "py_func", f) for f in (elementary.sincos, elementary.angle, elementary.exp))
+_sincos, _angle, _exp, _log = (
+    getattr(f, "py_func", f) for f in (elementary.sincos, elementary.angle, elementary.exp, elementary.log)
+)
 
 
 def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
@@ -28,3 +30,8 @@ def angle(y: np.ndarray, x: np.ndarray) -> np.ndarray:
 def exp(x: np.ndarray) -> np.ndarray:
     """Compute the exponential of an array."""
     return np.asarray(_exp(x))
+
+
+def power(x: float, exponent: float) -> float:
+    """Compute x ** exponent of x >= 0; 0 and 1 keep their values."""
+    return x if x in (0.0, 1.0) else float(_exp(exponent * float(_log(float(x)))))

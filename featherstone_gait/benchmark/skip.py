@@ -27,10 +27,10 @@ from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
 from ..geometry.body import body as solid
-from ..model import Ground, HeightField, Joint, Link, Loop, Mimic, Model, Supply, Tendon
+from ..model import Fluid, Ground, HeightField, Immersed, Joint, Link, Loop, Mimic, Model, Supply, Tendon
 from ..model.numpy_dynamics import link_poses, zero_position
 from ..model.placed import Placed, SceneModel
-from ..model.shapes import Box, Sphere
+from ..model.shapes import Box, Cylinder, Sphere
 from ..robot_file import load_robot
 from ..robot_file.servos import with_servo
 from ..run.prepare import prepare, with_steps
@@ -194,6 +194,9 @@ def parts() -> Iterator[tuple[str, Work, Work, str]]:
     yield "whole step, rk4", rk4, rollout(free_arm(), integrator="rk4"), "by a loop of RK4 with ABA"
 
 
+WATER = Fluid(1000.0, level=0.0)
+
+
 @cache
 def free_arm(name: str = "arm7", locked: str | None = None) -> Model:
     """Return a robot without friction, stops and servos."""
@@ -232,6 +235,12 @@ def strung(model: Model) -> Model:
     return replace(model, tendons=(Tendon("tendon", pulleys, stiffness=100.0, damping=1.0),))
 
 
+def in_water(model: Model, fluid: Fluid | None) -> SceneModel:
+    """Return a scene of the model with a cylinder on each link that moves."""
+    shapes = tuple(Immersed(link.name, Cylinder(0.02, 0.1), drag=1.0) for link in model.links[1:])
+    return SceneModel("water", (Placed(replace(model, immersed=shapes)),), fluid=fluid)
+
+
 @cache
 def chain(joints: int = 20) -> Model:
     """Return a chain of hinges whose axes take turns, bent everywhere."""
@@ -268,6 +277,7 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no loop (chain of 20 joints)", rollout(chain(), integrator="rk4"), rollout(tied(chain()), integrator="rk4"),
          "the same"),
         ("no tendon (chain of 20 joints)", rollout(chain()), rollout(strung(chain())), "one along the last ten joints"),
+        ("no fluid", rollout(in_water(arm, None)), rollout(in_water(arm, WATER)), "a cylinder on each of 7 links"),
         ("no coupled joints", plain, rollout(changed(arm, last, mimic=Mimic(arm.joints[0].name))), "the last of 7"),
         ("no pushes", plain, rollout(arm, pushes=(push,)), "one push"),
         ("no recorded channel", rollout(arm, every=1), rollout(arm, record=PARTS, every=1), "one number, and all"),

@@ -1,6 +1,7 @@
 """The model of a robot: links, joints, servos, shapes and the ground, checked when they are made."""
 
 from .checks import LARGEST
+from .fluid import Fluid, Immersed, Propeller
 from .ground import ContactPoint, Ground, HeightField, stairs
 from .links import Joint, Link, Mimic, Spring
 from .loop import Loop
@@ -10,7 +11,8 @@ from .servo import FIRMWARE, SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Law,
 from .tendon import Tendon, Via
 
 __all__ = [
-    "FIRMWARE", "LARGEST", "SERVO_UNITS", "TORQUE_LAWS", "Base", "ContactPoint", "Controller", "Gearbox", "Ground",
-    "HeightField", "Joint", "Law", "Link", "Loop", "Mimic", "Model", "Placement", "RigidBody", "Servo", "Spring",
-    "Supply", "Tendon", "Via", "depends_on_load_or_speed", "depth_first", "inertia_matrix", "rigid_bodies", "stairs",
+    "FIRMWARE", "LARGEST", "SERVO_UNITS", "TORQUE_LAWS", "Base", "ContactPoint", "Controller", "Fluid", "Gearbox",
+    "Ground", "HeightField", "Immersed", "Joint", "Law", "Link", "Loop", "Mimic", "Model", "Placement", "Propeller",
+    "RigidBody", "Servo", "Spring", "Supply", "Tendon", "Via", "depends_on_load_or_speed",
+    "depth_first", "inertia_matrix", "rigid_bodies", "stairs",
 ]  # fmt: skip

@@ -12,6 +12,7 @@ from ..base.arguments import instance, listed, shown, texts, truth
 from ..base.brief import brief, clipped
 from ..base.flaws import quoted
 from .checks import check, freeze, name_flaws, vector_flaws
+from .fluid import Fluid
 from .ground import Ground
 from .links import Vector
 from .loop import Loop
@@ -121,6 +122,8 @@ class SceneModel:
         `PairContact` with the numbers of the contact.
     loops : tuple of Loop
         Constraints between links "name/link" of two members, or of a member and the world.
+    fluid : Fluid or None
+        The fluid around the members.
 
     Raises
     ------
@@ -140,6 +143,7 @@ class SceneModel:
     source: str = ""
     pairs: str | tuple[tuple[str, str], ...] | PairContact = NONE
     loops: tuple[Loop, ...] = ()
+    fluid: Fluid | None = None
 
     def __repr__(self) -> str:
         named = [f"{len(self.members)} members ({quoted(m.name for m in self.members)})"] if self.members else []
@@ -156,6 +160,8 @@ class SceneModel:
             object.__setattr__(self, field, parts)
         if self.ground is not None:
             instance("scene: ground", self.ground, Ground, "write ground=Ground(), or None")
+        if self.fluid is not None:
+            instance("scene: fluid", self.fluid, Fluid, "write fluid=Fluid(), or None")
         if self.gravity is not None:
             check(vector_flaws("scene", "gravity", self.gravity, 3))
             freeze(self, "gravity")

@@ -26,6 +26,7 @@ from ..base.deprecated import method
 from ..base.flaws import FlawError, quoted
 from .checks import check, choice_flaws, name_flaws, vector_flaws
 from .degrees import Degrees, ball_name, degrees_of, widths
+from .fluid import Immersed, Propeller, check_propellers
 from .ground import ContactPoint
 from .links import Joint, Link, leader_of
 from .loop import Loop, check_loops
@@ -80,6 +81,10 @@ class Model:
         Constraints that close loops of the tree.
     tendons : tuple of Tendon
         Springs, dampers, limits and drives along lengths that several joints make.
+    immersed : tuple of Immersed
+        Shapes on which a fluid acts.
+    propellers : tuple of Propeller
+        Joints that push what carries them.
 
     Raises
     ------
@@ -103,12 +108,15 @@ class Model:
     excluded: tuple[tuple[str, str], ...] = ()
     loops: tuple[Loop, ...] = ()
     tendons: tuple[Tendon, ...] = ()
+    immersed: tuple[Immersed, ...] = ()
+    propellers: tuple[Propeller, ...] = ()
 
     def __repr__(self) -> str:
         counts = {
             "moving joints": self.joint_names, "locked": self.locked, "servos": self.servos,
             "contact points": self.contacts, "shapes": self.shapes, "keyframes": self.keyframes,
-            "loops": self.loops, "tendons": self.tendons,
+            "loops": self.loops, "tendons": self.tendons, "immersed shapes": self.immersed,
+            "propellers": self.propellers,
         }  # fmt: skip
         found = ", ".join(f"{len(parts)} {what}" for what, parts in counts.items() if parts)
         return f"<robot {clipped(self.name)}: {self.base} base, {self.mass:.4g} kg, {found}>"
@@ -132,6 +140,8 @@ class Model:
         check_links("excluded", self.links, (link for pair in self.excluded for link in pair))
         check_loops(self.links, self.loops)
         check_tendons(self.links, self.degrees.joints, self.tendons)
+        check_links("immersed", self.links, (shape.link for shape in self.immersed))
+        check_propellers(self.joints, self.propellers)
         check_can_move(self.joints, self.held)
         for name, q in self.keyframes.items():
             check(vector_flaws(f"keyframe {name!r}", "q", q, self.nq))
@@ -466,7 +476,10 @@ class Model:
     show_tree = method("Model.show_tree()", "featherstone_gait.view.tree:tree_text")
 
 
-_PARTS = {"links": Link, "joints": Joint, "contacts": ContactPoint, "shapes": Shape, "loops": Loop, "tendons": Tendon}
+_PARTS = {
+    "links": Link, "joints": Joint, "contacts": ContactPoint, "shapes": Shape, "loops": Loop, "tendons": Tendon,
+    "immersed": Immersed, "propellers": Propeller,
+}  # fmt: skip
 _TABLES = ("locked", "servos", "keyframes")
 
 

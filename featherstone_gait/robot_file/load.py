@@ -198,6 +198,8 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             excluded=(*robot.excluded, *settings.excluded),
             loops=tuple({loop.name: loop for loop in (*robot.loops, *settings.loops)}.values()),
             tendons=tuple({one.name: one for one in (*robot.tendons, *settings.tendons)}.values()),
+            immersed=(*robot.immersed, *settings.immersed),
+            propellers=settings.propellers,
         )
     report.raise_problems(path)
     return model

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ..model import Base, Joint, Link, Loop, Servo, Tendon
+from ..model import Base, Immersed, Joint, Link, Loop, Servo, Tendon
 from ..model.degrees import ball_name, degrees_of, is_first
 from ..model.shapes import Shape
 
@@ -47,3 +47,4 @@ class Robot(NamedTuple):
     excluded: tuple[tuple[str, str], ...] = ()  # links that do not touch each other
     loops: tuple[Loop, ...] = ()
     tendons: tuple[Tendon, ...] = ()
+    immersed: tuple[Immersed, ...] = ()

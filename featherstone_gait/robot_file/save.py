@@ -11,7 +11,7 @@ from typing import Any
 
 from ..base.arguments import instance
 from ..base.files import complete_together
-from ..model import Controller, Ground, HeightField, Joint, Link, Model, Tendon
+from ..model import Ground, HeightField, Joint, Link, Model
 from ..model.degrees import ball_name, is_first
 from ..model.links import COMPOSITE
 from ..model.shapes import Hull, Mesh, Shape
@@ -169,11 +169,16 @@ def _toml_text(model: Model) -> str:
         points = {"path": tuple(asdict(via) for via in tendon.path)} if tendon.path else {}
         law = {} if tendon.controller is None else {"controller": _stated(tendon.controller)}
         lines += ["", "[[tendons]]", *_assignments(stated | points | law)]
+    for shape in model.immersed:
+        geometry = {"shape": type(shape.geometry).__name__.lower(), **asdict(shape.geometry)}
+        lines += ["", "[[immersed]]", *_assignments(_stated(shape) | {"geometry": geometry})]
+    for propeller in model.propellers:
+        lines += ["", "[[propellers]]", *_assignments(_stated(propeller))]
     excluded = [f"excluded = {written(model.excluded)}"] if model.excluded else []
     return "\n".join([f"base = {written(model.base)}", "contacts = [", *contacts, "]", *excluded, *lines, ""])
 
 
-def _stated(part: Tendon | Controller) -> dict[str, Any]:
+def _stated(part: Any) -> dict[str, Any]:
     """Return the fields that differ from their defaults, and those that have none."""
     return {f.name: getattr(part, f.name) for f in fields(part) if getattr(part, f.name) != f.default}
 

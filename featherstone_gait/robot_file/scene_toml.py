@@ -11,6 +11,10 @@
     [ground]                             # fields of Ground: friction, penetration, damping_ratio, height, slope, ...
     friction = 0.8
 
+    [fluid]                              # fields of Fluid: density, viscosity, level, current
+    density = 1000.0                     # around what robots state as [[immersed]]
+    level = 0.5
+
     [[robots]]
     file = "arm.urdf"                    # beside this file; or a name of robot_names()
     name = "left"
@@ -50,24 +54,37 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from ..base.flaws import quoted
 from ..geometry.body import body
-from ..model import Ground, Loop, Model
+from ..model import Fluid, Ground, Loop, Model
 from ..model.pair_contact import PairContact
 from ..model.placed import OF_SCENE, Placed, SceneModel
-from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from .load import load_robot
 from .report import Report
 from .servos import read_servos
 from .settings import records_of
 from .simtwo.read import quaternion_from_rpy
 from .source import robot_names
-from .toml import Problems, at, check_keys, name_pairs_of, number, read_toml, real, string, table_of, truth, vector
+from .toml import (
+    Problems,
+    at,
+    beside,
+    check_keys,
+    geometry_of,
+    kind_of,
+    name_pairs_of,
+    number,
+    read_toml,
+    real,
+    record,
+    string,
+    table_of,
+    truth,
+    vector,
+)
 
-TOP = ("name", "gravity", "excluded", "pairs", "ground", "robots", "objects", "obstacles", "loops")
+TOP = ("name", "gravity", "excluded", "pairs", "ground", "fluid", "robots", "objects", "obstacles", "loops")
 PLACE = ("name", "position", "orientation", "rpy")
 OF_ROBOT = ("file", "base", "locked", "contacts", "gearbox", "ground_contact", "servos")
-SHAPES: dict[str, type] = {kind.__name__.lower(): kind for kind in (Sphere, Capsule, Cylinder, Box, Mesh, Hull)}
 MOMENTS = ("torsional_friction", "rolling_friction")
 NO_SERVOS = "none"  # as a gearbox
 PAIRS = 'write "all", "none", or [["robot/hand", "cup"], ...]'
@@ -91,6 +108,8 @@ def read_scene_toml(path: Path, strict: bool) -> SceneModel:
         found["ground"] = _ground(table_of(table, "ground", "")) if "ground" in table else None
     with problems.at(table, "loops"):
         found |= {"loops": records_of(Loop, table["loops"], "loops")} if "loops" in table else {}
+    with problems.at(table, "fluid"):
+        found["fluid"] = record(Fluid, table_of(table, "fluid", ""), "fluid") if "fluid" in table else None
     placed: dict[str, list[Placed]] = {"robots": [], "objects": [], "obstacles": []}
     for section, members in placed.items():
         with problems.at(table, section):
@@ -187,15 +206,11 @@ def _loaded(path: str | Path, options: dict[str, Any], what: str, strict: bool) 
 def _solid(row: dict[str, Any], what: str, folder: Path) -> Placed:
     """Read an object or an obstacle."""
     moves = what.startswith("objects")
-    with at(row, "shape"):
-        shape = string(row, "shape", what)
-        if shape not in SHAPES:
-            raise ValueError(f"{what}: shape is {shape!r}; expected one of {quoted(SHAPES)}: use one of these")
-    kind = SHAPES[shape]
+    kind = kind_of(row, what)
     own = tuple(f.name for f in fields(kind))
     of_mass = ("mass", "inertia", "center_of_mass", "friction") if moves else ()
     check_keys(row, (*PLACE, "shape", *own, *of_mass, *MOMENTS), what)
-    geometry = _geometry(kind, {key: row[key] for key in own if key in row}, row, what, folder)
+    geometry = beside(geometry_of(kind, row, what), folder)
     given: dict[str, Any] = {"name": string(row, "name", what)}
     if moves:
         given["mass"] = number(row, "mass", what)
@@ -203,23 +218,6 @@ def _solid(row: dict[str, Any], what: str, folder: Path) -> Placed:
         given |= {key: _numbers(row, key, what) for key in ("inertia", "center_of_mass") if key in row}
     given |= {key: number(row, key, what) for key in MOMENTS if key in row}
     return _placed(row, what, body(geometry, base="floating" if moves else "fixed", **given))
-
-
-def _geometry(kind: type, stated: dict[str, Any], row: Mapping[str, Any], what: str, folder: Path) -> Geometry:
-    missing = [f.name for f in fields(kind) if f.name not in row and f.name != "scale"]
-    if missing:
-        raise ValueError(f"{what}: {missing[0]} is missing; a {kind.__name__.lower()} needs it: add {missing[0]} = ...")
-    read = {"size": vector, "scale": vector, "file": string}
-    for key in stated:
-        with at(row, key):
-            if key == "points":
-                points = row[key] if isinstance(row[key], list) else []
-                stated[key] = tuple(vector({key: point}, key, what) for point in points)
-            else:
-                stated[key] = read.get(key, number)(row, key, what)
-    if kind is Mesh:
-        stated["file"] = str(folder / stated["file"])
-    return kind(**stated)
 
 
 def _placed(

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..model import Base, ContactPoint, Joint, Link, Loop, Servo, Supply, Tendon
+from ..model import Base, ContactPoint, Immersed, Joint, Link, Loop, Propeller, Servo, Supply, Tendon
 from ..model.checks import check, field_flaws
 from ..model.degrees import ball_name, by_degree, degrees_of, is_first
+from ..model.fluid import check_propellers
 from ..model.loop import check_loops
 from ..model.tendon import check_tendons
 from ..model.tree_checks import check_links, check_locked
 from .report import Report
 from .robot import Posture
 from .servos import read_servos
-from .toml import Problems, check_keys, name_pairs_of, number, read_toml, real, record, table_of
+from .toml import Problems, beside, check_keys, name_pairs_of, number, read_toml, real, record, table_of
 
 OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
     "links": ("gravity_compensation",),
@@ -25,7 +26,8 @@ OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
         "quadratic_damping", "cubic_damping"),
 }
 # Of the file.
-SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded", "loops", "tendons")
+SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded", "loops", "tendons",
+            "immersed", "propellers")
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
@@ -44,6 +46,8 @@ class Settings(NamedTuple):
     excluded: tuple[tuple[str, str], ...] = ()  # links that do not touch each other
     loops: tuple[Loop, ...] = ()
     tendons: tuple[Tendon, ...] = ()
+    immersed: tuple[Immersed, ...] = ()
+    propellers: tuple[Propeller, ...] = ()
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report) -> Settings:
@@ -88,6 +92,11 @@ def _section(
     if name == "tendons":
         single = degrees_of(joints).joints
         return {name: records_of(Tendon, table[name], name, lambda found: check_tendons(links, single, found))}
+    if name == "propellers":
+        return {name: records_of(Propeller, table[name], name, lambda found: check_propellers(joints, found))}
+    if name == "immersed":
+        shapes = records_of(Immersed, table[name], name, lambda found: check_links(name, links, (x.link for x in found)))
+        return {name: tuple(replace(shape, geometry=beside(shape.geometry, folder)) for shape in shapes)}
     inside = table_of(table, name, "")
     if name == "servos":
         return {name: read_servos(inside, joints, folder, report)}
@@ -211,7 +220,7 @@ def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
 def records_of(
     kind: type, rows: Any, section: str, check_all: Callable[[list[Any]], None] = lambda found: None
 ) -> tuple[Any, ...]:
-    """Read the tables [[loops]] or [[tendons]]."""
+    """Read the tables [[loops]], [[tendons]], [[immersed]] or [[propellers]]."""
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError(f"{section} is {rows!r}; expected tables: write [[{section}]] above each")
     found, problems, what = list[Any](), Problems(), section.removesuffix("s")

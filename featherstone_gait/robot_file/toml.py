@@ -9,14 +9,15 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import Any
 
 from ..base.arguments import is_real, shown
-from ..base.flaws import Flaw, FlawError
+from ..base.flaws import Flaw, FlawError, quoted
 from ..model import Controller, Via
 from ..model.checks import check, field_flaws
+from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from .source import read_bytes
 from .toml_lines import with_lines
 
@@ -186,6 +187,65 @@ def span(table: Mapping[str, Any], key: str, what: str) -> float | tuple[float, 
         return real(value, f"{what}: {key}")
 
 
+SHAPES: dict[str, type] = {kind.__name__.lower(): kind for kind in (Sphere, Capsule, Cylinder, Box, Mesh, Hull)}
+
+
+def kind_of(row: Mapping[str, Any], what: str) -> type:
+    """Read which kind of shape a table states."""
+    with at(row, "shape"):
+        shape = string(row, "shape", what)
+        if shape not in SHAPES:
+            raise ValueError(f"{what}: shape is {shape!r}; expected one of {quoted(SHAPES)}: use one of these")
+    return SHAPES[shape]
+
+
+def geometry_of(kind: type, row: Mapping[str, Any], what: str) -> Geometry:
+    """Read a shape of a kind from the fields that a table states."""
+    own = tuple(f.name for f in fields(kind))
+    missing = [name for name in own if name not in row and name != "scale"]
+    if missing:
+        raise ValueError(f"{what}: {missing[0]} is missing; a {kind.__name__.lower()} needs it: add {missing[0]} = ...")
+    read: dict[str, Callable[..., Any]] = {"size": vector, "scale": vector, "file": string}
+    stated: dict[str, Any] = {}
+    for key in (name for name in own if name in row):
+        with at(row, key):
+            if key == "points":
+                points = row[key] if isinstance(row[key], list) else []
+                stated[key] = tuple(vector({key: point}, key, what) for point in points)
+            else:
+                stated[key] = read.get(key, number)(row, key, what)
+    return kind(**stated)
+
+
+def beside(geometry: Geometry, folder: Path) -> Geometry:
+    """Return a shape whose file, of a mesh, is in a folder."""
+    return replace(geometry, file=str(folder / geometry.file)) if isinstance(geometry, Mesh) else geometry
+
+
+def _geometry(table: Mapping[str, Any], key: str, what: str) -> Geometry:
+    """Read a shape given as a table of its own: {shape = "box", size = [...]}."""
+    inside = table_of(table, key, "")
+    kind = kind_of(inside, what)
+    check_keys(inside, ("shape", *(f.name for f in fields(kind))), what)
+    return geometry_of(kind, inside, what)
+
+
+def _number_or_three(table: Mapping[str, Any], key: str, what: str) -> float | tuple[float, ...]:
+    return vector(table, key, what) if isinstance(table[key], list) else number(table, key, what)
+
+
+def _reals(table: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
+    if not isinstance(table[key], list):
+        raise ValueError(f"{what}: {key} is {table[key]!r}; expected a list of numbers")
+    return tuple(real(x, f"{what}: {key}") for x in table[key])
+
+
+def _matrix(table: Mapping[str, Any], key: str, what: str) -> tuple[tuple[float, ...], ...]:
+    if not isinstance(table[key], list):
+        raise ValueError(f"{what}: {key} is {table[key]!r}; expected a list of rows")
+    return tuple(_reals({key: row}, key, what) for row in table[key])
+
+
 # How to read a field of a dataclass, by its type as `fields` gives it.
 READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "str": string,
@@ -200,6 +260,11 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "Controller | None": controller,
     "Law": string,
     "float | tuple[float, float]": span,
+    "Geometry": _geometry,
+    "float | Vector": _number_or_three,
+    "FluidLaw": string,
+    "tuple[float, ...]": _reals,
+    "tuple[tuple[float, ...], ...] | None": _matrix,
 }
 
 

@@ -284,6 +284,7 @@ class CompiledRun:
             trees=0 if constants.trees is None else len(constants.trees),
             largest=0 if constants.trees is None else int(np.max(constants.trees.end - constants.trees.root)),
             loops=constants.loops,
+            immersed=0 if constants.fluid is None else len(constants.fluid.table),
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(scene.layout["length"])
         frames = zeros(sizes.workspace) if sizes.bases and sizes.points else None

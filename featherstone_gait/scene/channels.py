@@ -105,8 +105,10 @@ def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
         channel.name == "q" and "positions" in share and size == share["of_positions"]
     ):  # with quaternions, as recorded
         first, end = share["positions"]
-    elif channel.of in ("base", "tree"):
-        first, end = share["base"], share["base"] + (channel.of == "tree" or not share["fixed"])
+    elif channel.of == "immersed":
+        first, end = share["immersed"]
+    elif channel.of in ("base", "tree", "fluid"):
+        first, end = share["base"], share["base"] + (channel.of != "base" or not share["fixed"])
     return np.arange(channel.width * first, channel.width * end)
 
 

@@ -22,7 +22,7 @@ from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.closure import Loops
 from ..core.step.context import Scene
-from ..model import Controller, Ground, Loop, Model, Spring, Tendon
+from ..model import Controller, Fluid, Ground, Loop, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, pair_contact
 from ..model.placed import Placed, SceneModel, check_scene_loops
 from ..model.tendon import ball_limit, spring_tendon
@@ -31,6 +31,7 @@ from .channels import ByChannel, StateView
 from .contact import build_contact, standing_posture
 from .external import Push, build_lifts, build_pushes
 from .firmware import build_firmware, build_supply
+from .fluid import build_fluid, build_propellers
 from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
 from .friction import Friction, build_drag, build_friction, sticks
 from .joint_spring import build_ball_springs, build_joint_springs, build_stiffening, fold_joint_springs
@@ -327,6 +328,7 @@ def compile_scene(
     springs: Sequence[Spring] = (),
     pairs: str | Sequence[tuple[str, str]] | PairContact | None = None,
     loops: Sequence[Loop] | None = None,
+    fluid: Fluid | None = None,
 ) -> CompiledScene:
     """Compile models, their servos and the ground into a scene.
 
@@ -363,6 +365,8 @@ def compile_scene(
     loops : sequence of Loop, optional
         Constraints between links "name/link" of two members, or of one and the world, beside those of the models.
         None: those of a `SceneModel`.
+    fluid : Fluid, optional
+        Fluid around the shapes that `Model.immersed` lists.  None: that of a `SceneModel`, else none.
 
     Returns
     -------
@@ -384,7 +388,8 @@ def compile_scene(
     stated = model.loops if isinstance(model, SceneModel) else ()
     between = tuple(stated if loops is None else listed("loops", loops, GIVE_LOOPS))
     options = SceneOptions(
-        gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs, pair_contact(given), between
+        gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs, pair_contact(given), between,
+        fluid,
     )
     if isinstance(model, Model):
         scene = options.pairs is not None or options.loops
@@ -392,6 +397,7 @@ def compile_scene(
     if isinstance(model, SceneModel):
         own = GRAVITY if model.gravity is None else model.gravity
         options = options._replace(ground=ground or model.ground, gravity=own if gravity is GRAVITY else gravity)
+        options = options._replace(fluid=fluid or model.fluid)
         return _compile_members(model.members, options, model.obstacles, model.excluded)
     return _compile_members(model, options)
 
@@ -439,6 +445,8 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         drag=build_drag(model),
         ball_springs=build_ball_springs(model),
         tendons=with_stops(tendons, model, lines, check.tendon_inertias, options.g),
+        fluid=build_fluid(model, tree, options.fluid, g, 0 if contact is None else len(contact.points)),
+        propellers=build_propellers(model, tree),
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)
     return CompiledScene(
@@ -659,6 +667,9 @@ def _places(tree: Tree, constants: Scene) -> np.recarray:
             "turning": 0 if pairs is None or pairs.turning is None else int(pairs.slots[0]),
             "pairs": int(pairs is not None),
             "tendon": 0 if constants.tendons is None else len(constants.tendons.table),
+            "fluid": (constants.fluid is not None or constants.propellers is not None)
+            * (1 if tree.trees is None else len(tree.trees)),
+            "immersed": 0 if constants.fluid is None else len(constants.fluid.table),
             "loop": 0 if constants.loops is None else len(constants.loops.table),
             "row": 0 if constants.loops is None else int(constants.loops.rows[0]),
         }

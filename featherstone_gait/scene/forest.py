@@ -29,6 +29,7 @@ from ..model import Joint, Link, Loop, Model, Placement, Tendon
 from ..model.placed import Placed, link_name
 from .actuator import Actuator, passive
 from .channels import Share, owned
+from .fluid import joined_fluid, joined_propellers
 from .friction import Friction
 from .preflight import Preflight
 from .records import records
@@ -76,6 +77,7 @@ def joined_model(members: Sequence[Member], name: str, between: Sequence[Loop] =
     """
     links, joints = [Link(WORLD)], []
     parts: dict[str, list[Any]] = {"contacts": [], "shapes": [], "tendons": [], "loops": []}
+    parts |= {"immersed": [], "propellers": []}
     servos: dict[str, Any] = {}
     locked: dict[str, float] = {}
     for member in members:
@@ -87,16 +89,16 @@ def joined_model(members: Sequence[Member], name: str, between: Sequence[Loop] =
         joints += [_renamed(member, joint) for joint in model.joints]
         parts["contacts"] += [replace(one, link=named(member, one.link)) for one in _touching(member)]
         parts["shapes"] += [replace(one, link=named(member, one.link)) for one in model.shapes]
+        parts["immersed"] += [replace(one, link=named(member, one.link)) for one in model.immersed]
+        parts["propellers"] += [replace(one, joint=named(member, one.joint)) for one in model.propellers]
         parts["tendons"] += [_tendon_of(member, one) for one in model.tendons]
         parts["loops"] += [_loop_of(member, one) for one in model.loops]
         servos |= {named(member, joint): servo for joint, servo in model.servos.items()}
         locked |= {named(member, joint): at for joint, at in model.locked.items()}
     supply = next((one.model.supply for one in members if one.scene.constants.supply is not None), None)
-    return Model(
-        name, tuple(links), tuple(joints), locked=locked, servos=servos, supply=supply,
-        contacts=tuple(parts["contacts"]), shapes=tuple(parts["shapes"]), tendons=tuple(parts["tendons"]),
-        loops=(*parts["loops"], *between),
-    )  # fmt: skip
+    parts["loops"] += between
+    every: dict[str, Any] = {kind: tuple(found) for kind, found in parts.items()}
+    return Model(name, tuple(links), tuple(joints), locked=locked, servos=servos, supply=supply, **every)  # fmt: skip
 
 
 def named(member: Member, name: str) -> str:
@@ -249,6 +251,8 @@ def joined_constants(members: Sequence[Member], tree: Tree) -> Scene:
     all_of = [scene.constants for scene in scenes]
     joints, moved = [scene.tree.n for scene in scenes], shifts(scenes)
 
+    contacts = sum(count(one.contact and one.contact.points) for one in all_of)
+
     def stack(name: str, dtype: Any, **neutral: float) -> Any:
         return _stacked([getattr(one, name) for one in all_of], joints, dtype, **neutral)
 
@@ -274,6 +278,8 @@ def joined_constants(members: Sequence[Member], tree: Tree) -> Scene:
         trees=tree.trees,
         balls=tree.balls,
         tendons=_tendons(members, tree, moved),
+        fluid=joined_fluid([one.fluid for one in all_of], moved, contacts),
+        propellers=joined_propellers([one.propellers for one in all_of], moved, joints),
     )
 
 
@@ -459,15 +465,18 @@ def joined_preflight(members: Sequence[Member], first: Preflight) -> Preflight:
 def shares(members: Sequence[Member]) -> dict[str, Share]:
     """Return which numbers of the channels are each member's, by name."""
     found: dict[str, Share] = {}
-    at_q, row, positions = 0, 0, sum(len(member.model.position_names) for member in members)
+    at_q, row, immersed, positions = 0, 0, 0, sum(len(member.model.position_names) for member in members)
     joints = sum(member.scene.tree.n for member in members)
     for k, (member, at) in enumerate(zip(members, shifts([member.scene for member in members]))):
         points = count(member.scene.constants.contact and member.scene.constants.contact.points)
+        shapes = count(member.scene.constants.fluid and member.scene.constants.fluid.table)
         found[member.name] = {
             "base": k, "fixed": not member.scene.tree.floating, "joints": [at.joint, at.joint + member.scene.tree.n],
             "points": [at.point, at.point + points], "of_joints": joints,
             "tendons": [at.tendon, at.tendon + member.scene.tree.tendons],
+            "immersed": [immersed, immersed + shapes],
         }  # fmt: skip
+        immersed = found[member.name]["immersed"][1]
         if member.model.loops:
             rows = sum(loop.rows for loop in member.model.loops)
             found[member.name] |= {"loops": [at.loop, at.loop + len(member.model.loops)], "rows": [row, row + rows]}

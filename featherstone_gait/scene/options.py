@@ -10,7 +10,7 @@ import numpy as np
 
 from ..base.arguments import instance, listed, real, vector
 from ..base.rotation import dot
-from ..model import Ground, Loop, Model, Spring
+from ..model import Fluid, Ground, Loop, Model, Spring
 from ..model.pair_contact import PairContact
 from ..model.tree_checks import check_springs
 from .gearbox_kinds import GearboxKind
@@ -32,6 +32,7 @@ class SceneOptions(NamedTuple):
     springs: Sequence[Spring]
     pairs: PairContact | None = None
     loops: Sequence[Loop] = ()  # of a scene, between its members
+    fluid: Fluid | None = None
 
     @property
     def g(self) -> float:
@@ -49,6 +50,8 @@ def check_options(model: Model, options: SceneOptions) -> SceneOptions:
     if options.ground is not None and not isinstance(options.ground, Ground):
         given = f"ground is {options.ground!r}; expected a Ground or None"
         raise ValueError(f"{model.name}: {given}: write ground=Ground()")
+    if options.fluid is not None:
+        instance(f"{model.name}: fluid", options.fluid, Fluid, "write fluid=Fluid(), or None")
     tilt, height = options.fall_tilt, options.fall_height
     tilt = real("fall_tilt", tilt, 0.0, 2.0 * math.pi, "give radians, as math.radians(45); pi disables it")
     height = real("fall_height", height, -LOWEST, 1.0, "it is a fraction of the standing height; 0 disables it")

@@ -343,10 +343,12 @@ def points_of(kinds: set[type]) -> int:
 
 
 def _with_points(members: Sequence[Member]) -> np.ndarray:
-    """Return the rows of the bodies that touch the ground with points."""
+    """Return the rows of the bodies that touch the ground with points, or have shapes in a fluid."""
     contacts = [member.scene.constants.contact for member in members]
     moved = shifts([member.scene for member in members])
     rows = [one.points.body + at.body for one, at in zip(contacts, moved) if one is not None]
+    fluids = [member.scene.constants.fluid for member in members]
+    rows += [one.table.body + at.body for one, at in zip(fluids, moved) if one is not None]
     return np.unique(np.concatenate([np.zeros(0, int), *rows]))
 
 

@@ -31,6 +31,7 @@ from ..dynamics.tendons import rows_of
 from ..model import Controller, Model, Tendon
 from ..model.numpy_dynamics import mass_matrix_at, regular_posture
 from .actuator import Drive
+from .fluid import fluid_limits
 from .friction import Friction, explicit_limits, fastest_damping, sticks
 from .joint_spring import stiffest
 from .options import SceneOptions
@@ -126,6 +127,9 @@ def preflight(
     if options.ground is not None:
         step = float(contact.explicit_limit(options.ground.penetration, options.g))
         limits.append(Limit("contact", step, "contact spring"))
+        steps = tuple(min(one, step) for one in steps)
+    for name, step, cause in fluid_limits(model, options.fluid, options.g):
+        limits.append(Limit(name, step, cause))
         steps = tuple(min(one, step) for one in steps)
     named = options.integrator is not None
     check = Preflight(tuple(limits), "", 0.0, "", named, inertias[:n], steps[0], steps[1], inertias[n:])

@@ -25,7 +25,7 @@ class Tree(NamedTuple):
     floating: bool
     names: tuple[str, ...]  # of the rows: the root link, then each joint's child
     placements: dict[str, Placement]  # of every link
-    rows: int  # of the workspace: bodies, slots, contact rows, couplings, tendons
+    rows: int  # of the workspace: bodies, slots, rows of contacts and fluids, couplings, tendons
     coupling: np.recarray | None  # (couplings,) COUPLING
     trees: np.recarray | None = None  # (trees,) TREE of a scene of several trees
     balls: np.ndarray | None = None  # (balls,) first coordinate of each ball joint
@@ -79,7 +79,8 @@ def _compiled(model: Model) -> Tree:
         _fill(row, body, model.joint_rows)
     balls = _mark_balls(model, merged, bodies)
     rows = len(bodies) + _assign_slots(bodies)
-    for row in sorted({placements[point.link].row for point in model.contacts}):
+    acted_on = [*(point.link for point in model.contacts), *(shape.link for shape in model.immersed)]
+    for row in sorted({placements[link].row for link in acted_on}):
         bodies[row]["contact"] = rows
         rows += 1
     moved = {body.frame.joint.name: k for k, body in enumerate(merged) if body.frame.joint is not None}

@@ -45,6 +45,7 @@ class Sizes(NamedTuple):
     trees: int
     largest: int  # bodies of the largest tree
     loops: Loops | None  # of the scene
+    immersed: int = 0  # shapes in a medium
 
 
 class Integrator(NamedTuple):
@@ -125,7 +126,7 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
     return Scratch(
         zeros(sizes.workspace),
         zeros((JOINT_SCRATCH, max(sizes.n, 1))),
-        zeros((max(sizes.points, 1), CONTACT_SCRATCH)),
+        zeros((max(sizes.points + 2 * sizes.immersed, 1), CONTACT_SCRATCH)),
         zeros((sizes.bodies, 6)),
         pool_of(sizes, zeros),
         closing_of(sizes.loops, sizes.pairs, sizes.bodies, sizes.n, sizes.balls, zeros),

@@ -10,17 +10,32 @@ from ..effects.controller import filter_speed
 from ..effects.drag import move_drag
 from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
+from ..effects.fluid import PROPULSION, WORKS, move_fluid
 from ..effects.friction import move_friction
 from ..effects.gear_friction import GearFriction
 from ..effects.pair import move_pairs
+from ..effects.propeller import add_work, plus_propeller
 from ..effects.stop import move_stop
 from ..effects.tendon import UN, move_tendons
 from ..tree.ball import move_balls
-from ..tree.forest import base_of, is_fixed, joints_of, rows_of
+from ..tree.forest import base_index, base_of, is_fixed, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, move_base
 from .context import of_tree
 from .island import solve_islands
-from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, plus_springs, rotor_speed, solve_step, with_predicted
+from .newton import (
+    DA,
+    DRIVE,
+    RUB,
+    VN,
+    VP,
+    WN,
+    acting,
+    joint_force,
+    plus_springs,
+    rotor_speed,
+    solve_step,
+    with_predicted,
+)
 
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
@@ -61,6 +76,8 @@ def advance(step):
     y, offsets, (first, end) = step.y, step.offsets, joints_of(step.part, step.scene.tree)
     move_contacts(step.scene.contact, step)
     move_tendons(step.scene.tendons, step, UN)
+    move_fluid(step.scene.fluid, step)
+    _propellers_work(step.scene.propellers, step)
     for i in range(first, end):
         v = step.Z[VN, i]
         w = rotor_speed(rotor_of(step.actuator), step.Z, WN, i, v)
@@ -77,6 +94,13 @@ def advance(step):
     ball_q = y[offsets.ball_q :]
     move_balls(step.scene.balls, step.part, ball_q, step.Z[VN], step.h, ball_q)
     _advance_base(step.scene.floating, step)
+
+
+@inline
+def _propellers_work(propellers, step):
+    if propellers is not None:
+        at = step.offsets.fluid_work + WORKS * base_index(step.part) + PROPULSION
+        add_work(propellers, step.Z[VP], step.Z[VN], step.h, step.h_implicit, step, step.y, at)
 
 
 @inline
@@ -115,6 +139,7 @@ def _driving(friction, step, i, v, w):
     Ts = move_stop(step.scene.stops, step, i, v)
     T, _, _, _, _, _ = joint_force(friction, step, i, v, w)
     others, _ = plus_springs(step, i, v, Tf + Ts, 0.0)
+    others, _ = plus_propeller(step.scene.propellers, i, v, others, 0.0)
     return T - others
 
 

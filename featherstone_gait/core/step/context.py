@@ -44,6 +44,8 @@ class Scene(NamedTuple):
     drag: np.ndarray | None = None  # (n,) DRAG of joints
     ball_springs: np.ndarray | None = None  # (n,) stiffness of ball joints, about each of their axes [N m/rad]
     tendons: tuple | None = None  # Tendons, with springs between bodies
+    fluid: tuple | None = None  # Fluid, with the shapes in it
+    propellers: tuple | None = None  # Propellers
 
 
 @structure
@@ -152,6 +154,7 @@ def with_bodies(step, tree):
         firmware=s.firmware, supply=s.supply, joint_springs=s.joint_springs, lifts=s.lifts, trees=s.trees,
         pairs=s.pairs, balls=s.balls, loops=s.loops, tendons=s.tendons, stiffening=s.stiffening,
         drag=s.drag, ball_springs=s.ball_springs,
+        fluid=s.fluid, propellers=s.propellers,
     )  # fmt: skip
     return Step(
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,

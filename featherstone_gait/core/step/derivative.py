@@ -13,9 +13,11 @@ from ..effects.contact import contact_rates
 from ..effects.drag import drag_rates
 from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
+from ..effects.fluid import PROPULSION, WORKS, fluid_powers, fluid_rates
 from ..effects.friction import direction, friction_rates
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.pair import pair_rates
+from ..effects.propeller import add_work, plus_propeller
 from ..effects.stop import stop_rates
 from ..effects.tendon import U0, linearize_tendons, move_tendons, place_tendons
 from ..tree.aba import acceleration_pass
@@ -38,13 +40,13 @@ def derivative(step, dy):
 def _derivatives(trees, pairs, step, dy):
     if trees is None:
         _forces(step, dy)
-        _rates(any_present(step.scene.contact, pairs), step, dy)
+        _rates(any_present(any_present(step.scene.contact, step.scene.fluid), pairs), step, dy)
     else:
         for k in range(len(trees)):
             _forces(of_tree(step, trees[k]), dy)
         if pairs is not None:
             pair_rates(pairs, step, dy)
-        _rates_of_all(joined_by(step.scene.loops), trees, any_present(step.scene.contact, pairs), step, dy)
+        _rates_of_all(joined_by(step.scene.loops), trees, any_present(any_present(step.scene.contact, step.scene.fluid), pairs), step, dy)
 
 
 @inline
@@ -66,8 +68,10 @@ def _forces(step, dy):
         dy[offsets.energy + ENERGIES * i + WORK] = T * speed
         others = Tf + stop_rates(scene.stops, step, dy, i, speed)
         others, _ = plus_springs(step, i, speed, others, 0.0)
+        others, _ = plus_propeller(scene.propellers, i, speed, others, 0.0)
         step.Z[TAU, i] = T + others
     contact_rates(scene.contact, step, dy)
+    fluid_rates(scene.fluid, step)
     place_tendons(scene.tendons, step, q, ball_q, v, 0.0)
     linearize_tendons(scene.tendons, step)
     move_tendons(scene.tendons, step, U0)
@@ -98,7 +102,8 @@ def _rates(contact, step, dy):
 
 @inline
 def _articulate(contact, step):
-    external_forces(step.scene.push, step.scene.lifts, step)
+    speeds = step.y[step.offsets.qd : step.offsets.qd + joint_count(step.scene.trees, step.scene.tree)]
+    external_forces(step.scene.push, step.scene.lifts, step.scene.propellers, step, speeds)
     articulate(_armature(step.scene.friction, step), contact, step)
 
 
@@ -110,12 +115,22 @@ def _accelerate(step, dy):
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     v, a = y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
     acceleration_pass(scene.tree, part, step.W, a)
+    fluid_powers(scene.fluid, step, dy)
+    _propeller_powers(scene.propellers, step, v, dy)
     _friction_of_acceleration(scene.friction, step, dy)
     for i in range(first, end):
         dy[offsets.q + i] = v[i]
         dy[offsets.qd + i] = a[i]
     ball_rates(scene.balls, part, y[offsets.ball_q :], v, dy[offsets.ball_q :])
     _base_rates(bq, bv, step, dy)
+
+
+@inline
+def _propeller_powers(propellers, step, v, dy):
+    if propellers is not None:
+        at = step.offsets.fluid_work + WORKS * base_index(step.part) + PROPULSION
+        dy[at] = 0.0 * v[0]
+        add_work(propellers, v, v, 1.0, 0.0, step, dy, at)
 
 
 @inline

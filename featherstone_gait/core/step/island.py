@@ -23,6 +23,7 @@ from ..compile.lanes import any_lane, select, sqrt, width_of
 from ..compile.optional import any_present, if_present
 from ..effects.actuator import rotor_of
 from ..effects.contact import U0, UK, linearize_contacts, model_force, place_contacts
+from ..effects.fluid import place_fluid
 from ..effects.pair import (
     AXES,
     FACTOR,
@@ -65,6 +66,7 @@ from .newton import (
     DA,
     DIAGONAL,
     MAX_PASSES,
+    VP,
     acting,
     articulate,
     bases_at,
@@ -91,7 +93,8 @@ def solve_islands(pairs, step):
         predict(step.predicted, rotor_of(step.actuator), part)
         place_contacts(scene.contact, step.predicted, part)
         place_tendons_at(part)
-    external_forces(scene.push, scene.lifts, step)
+        place_fluid(scene.fluid, step.predicted, part)
+    external_forces(scene.push, scene.lifts, scene.propellers, step, step.Z[VP])
     _place_joining(scene.loops, step)
     if any_lane(step.y[step.offsets.pair] > 0.0) or _joins(scene.loops):
         place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))

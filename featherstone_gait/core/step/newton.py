@@ -41,9 +41,19 @@ from ..effects.contact import (
     solved_contacts,
 )
 from ..effects.drag import plus_drag
+from ..effects.fluid import (
+    compare_fluid,
+    fluid_slope,
+    fold_fluid,
+    linearize_fluid,
+    place_fluid,
+    shift_fluid,
+    solved_fluid,
+)
 from ..effects.friction import direction, friction_torque, snap_to_rest
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.joint_spring import plus_spring
+from ..effects.propeller import add_propellers, plus_propeller
 from ..effects.push import add_pushes
 from ..effects.stop import stop_torque
 from ..effects.tendon import (
@@ -104,7 +114,8 @@ def solve_step(step):
     predict(step.predicted, rotor_of(step.actuator), step)
     place_contacts(step.scene.contact, step.predicted, step)
     place_tendons_at(step)
-    external_forces(step.scene.push, step.scene.lifts, step)
+    place_fluid(step.scene.fluid, step.predicted, step)
+    external_forces(step.scene.push, step.scene.lifts, step.scene.propellers, step, step.Z[VP])
     forces = any_present(any_present(acting(step), step.tau), step.scene.contact)
     find_velocities(forces, rotor_of(step.actuator), step.scene.contact, step)
 
@@ -133,12 +144,14 @@ def lookahead(predicted, h):
 
 
 @inline
-def external_forces(push, lifts, step):
-    """Fill F (n + 1, 6) with pushes and lifts, as [moment; force] about the common origin, if there are any.
+def external_forces(push, lifts, propellers, step, speeds):
+    """Fill F (n + 1, 6) with pushes, lifts and thrusts, as [moment; force] about the common origin, if there are any.
+
+    speeds (n,): of the joints, for propellers.
 
     It is the sum of all external forces on the bodies that are not folded into the step.
     """
-    if push is not None or lifts is not None:
+    if push is not None or lifts is not None or propellers is not None:
         for i in range(len(step.F)):
             for k in range(6):
                 step.F[i, k] = 0.0
@@ -146,6 +159,8 @@ def external_forces(push, lifts, step):
         add_pushes(push, step.t, step.span, step.W, step.F)
     if lifts is not None:
         add_pushes(lifts, step.t, step.span, step.W, step.F)
+    if propellers is not None:
+        add_propellers(propellers, speeds, step.W, step.F)
 
 
 @inline
@@ -153,8 +168,9 @@ def acting(step):
     """Return True, None where only gravity, bias forces and torques from outside act on the joints."""
     springs = any_present(step.scene.joint_springs, any_present(step.scene.stiffening, step.scene.ball_springs))
     own = any_present(step.scene.stops, any_present(springs, step.scene.tendons))
+    around = any_present(step.scene.fluid, step.scene.propellers)
     losses = any_present(step.scene.friction, step.scene.drag)
-    return any_present(step.actuator, any_present(losses, own))
+    return any_present(step.actuator, any_present(losses, any_present(own, around)))
 
 
 @inline
@@ -266,6 +282,7 @@ def joint_force(friction, step, i, v, w):
     Tf, cf = plus_drag(step.scene.drag, i, v, Tf, cf)
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
     T, c = plus_springs(step, i, v, Tf + Ts, cf + cs)
+    T, c = plus_propeller(step.scene.propellers, i, v, T, c)
     T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, plus_item(T, step.tau, i), c)
     return T, F, c, cg, cr, cg
 
@@ -285,6 +302,7 @@ def _with_gear_friction(friction, step, i, v, w):
     step.Z[DRIVE, i], step.Z[RUB, i] = Tm, Tf
     Tf, cf = plus_drag(step.scene.drag, i, v, Tf, cf)
     T, ck = plus_springs(step, i, v, (Tm + Tf) + Ts, cf + cs)
+    T, ck = plus_propeller(step.scene.propellers, i, v, T, ck)
     return plus_item(T, step.tau, i), F, c * (1.0 + by_m) + ck, cg, cr, cg * (1.0 + by_m)
 
 
@@ -348,7 +366,7 @@ def _solve_free(armature, predicted, step):
 def accelerations(diagonal, contact, step, qdd):
     """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
     articulate(diagonal, contact, step)
-    close_loops(step.scene.loops, contact, step)
+    close_loops(step.scene.loops, any_present(contact, step.scene.fluid), step)
     release_tendons(step.scene.tendons, step)
     acceleration_pass(step.scene.tree, step.part, step.W, qdd)
 
@@ -361,7 +379,13 @@ def articulate(diagonal, contact, step):
     """
     scene, part = step.scene, step.part
     base_q = base_of(scene.floating, part, step.y, step.offsets.base_q, 7)
-    wrench = only_if(any_present(scene.push, scene.lifts), step.F)
+    wrench = only_if(any_present(any_present(scene.push, scene.lifts), scene.propellers), step.F)
+    _articulate(any_present(contact, scene.fluid), base_q, wrench, diagonal, step)
+
+
+@inline
+def _articulate(contact, base_q, wrench, diagonal, step):
+    scene, part = step.scene, step.part
     articulated_pass(scene.tree, part, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
     constrain(scene.coupling, part, base_q, contact, scene.tree, step.W)
     bind_tendons(scene.tendons, contact, step)
@@ -388,6 +412,7 @@ def linearize(rotor, step):
             Z[FWW, i] = cr + cg
             Z[FWV, i] = cg
     linearize_tendons(step.scene.tendons, step)
+    linearize_fluid(step.scene.fluid, step)
 
 
 @kernel
@@ -410,6 +435,7 @@ def prepare(armature, predicted, step):
             if predicted is not None:
                 Z[TAU, i] = Z[TAU, i] - armature[i] * step.y[step.offsets.qdd + i]
     fold_contacts(step.scene.contact, step, step.h_implicit)
+    fold_fluid(step.scene.fluid, step, step.h_implicit)
 
 
 @inline
@@ -426,6 +452,7 @@ def fill_solution(rotor, step):
             Z[FLW, i] = Z[FW0, i] - Z[FWW, i] * w + Z[FWV, i] * v
     solved_contacts(step.scene.contact, step)
     solved_tendons(step.scene.tendons, step, Z[DA])
+    solved_fluid(step.scene.fluid, step)
 
 
 # ---------------------------------------------------------------------------------------------- convergence
@@ -447,6 +474,7 @@ def compare(rotor, contact, step):
             wrong = wrong | (abs(F - Z[FLW, i]) > step.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
             slope = slope + (w - Z[WK, i]) * (Z[FLW, i] - F)
     wrong, slope = compare_tendons(step.scene.tendons, step, wrong, slope)
+    wrong, slope = compare_fluid(step.scene.fluid, step, wrong, slope)
     return compare_contacts(contact, step, wrong, slope)
 
 
@@ -474,7 +502,8 @@ def descent_slope(rotor, contact, step, fraction):
         slope = slope + p * (Z[RT, i] + fraction * (Z[TL, i] - Z[RT, i]) - T)
         if rotor is not None:
             slope = slope + pw * (Z[RW, i] + fraction * (Z[FLW, i] - Z[RW, i]) - F)
-    return contact_slope(contact, step, fraction, tendon_slope(step.scene.tendons, step, fraction, slope))
+    slope = tendon_slope(step.scene.tendons, step, fraction, slope)
+    return contact_slope(contact, step, fraction, fluid_slope(step.scene.fluid, step, fraction, slope))
 
 
 @kernel
@@ -492,6 +521,7 @@ def move_iterate(rotor, contact, step, fraction, active):
             _shift(Z, RW, FLW, i, fraction, active)
     shift_contacts(contact, step, fraction, active)
     shift_tendons(step.scene.tendons, step, fraction, active)
+    shift_fluid(step.scene.fluid, step, fraction, active)
 
 
 @inline

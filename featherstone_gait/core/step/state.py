@@ -20,12 +20,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..effects.energies import ENERGIES
+from ..effects.fluid import WORKS
 from .pace import PACE
 
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
 Of = Literal[
     "base", "ball", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot",
-    "turning", "pairs", "tendon", "loop", "row",
+    "turning", "pairs", "tendon", "loop", "row", "fluid",
+    "immersed",
 ]  # fmt: skip
 
 
@@ -37,7 +39,7 @@ class Channel(NamedTuple):
     of: Of  # what has it: each floating base, ball joint, joint, joint with a servo or rotor, contact point, tree, the
     # run, the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
     # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, each tendon, each
-    # loop, and each of its rows
+    # loop, each of its rows, each tree in a medium, and each shape in it
     width: int  # numbers each
     unit: str
     what: str
@@ -66,6 +68,8 @@ CHANNELS = (
     Channel("energy", "integrated", "joint", ENERGIES, "J", "where the energy of a joint went", _WORKS),
     Channel("contact_work", "integrated", "tree", 1, "J", "work of the ground on the robot"),
     Channel("pair_work", "integrated", "pairs", 1, "J", "work of the forces between bodies on both"),
+    Channel("fluid_work", "integrated", "fluid", WORKS, "J", "work of the medium on the robot",
+            ("buoyancy", "drag", "added_mass", "propulsion")),
     Channel("source_loss", "integrated", "source", 1, "J", "what the resistance of the supply took"),
     Channel("voltage", "held", "servo", 1, "V", "motor voltages"),
     Channel("integral", "held", "servo", 1, "rad s or rad", "integral of the controller's error"),
@@ -90,6 +94,9 @@ CHANNELS = (
     Channel("pair_gap", "derived", "slot", 1, "m", "gap of the surfaces, negative where they overlap"),
     Channel("pair_position", "derived", "slot", 3, "m", "where the force acts, world frame", tuple("xyz")),
     Channel("tendon_force", "derived", "tendon", 1, "N or N m", "of tendons, then springs, limits of ball joints"),
+    Channel("immersed_share", "derived", "immersed", 1, "-", "share of a shape's volume that is immersed"),
+    Channel("fluid_force", "derived", "immersed", 6, "N, N m", "force and moment of the medium at the immersed center",
+            (*(f"force_{k}" for k in "xyz"), *(f"moment_{k}" for k in "xyz"))),
     Channel("velocity_change", "watched", "joint", 1, "rad/s or m/s", "last change of qd"),
     Channel("chatter", "watched", "joint", 1, "rad/s or m/s", "running mean of alternating less lasting changes of qd"),
     Channel("worst_chatter", "watched", "joint", 1, "rad/s or m/s", "the largest chatter so far"),

@@ -62,8 +62,6 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     uneven = [tree.joint_names[j] for j in range(m.njnt) if m.jnt_actfrclimited[j] and m.jnt_actfrcrange[j].sum()]
     if uneven:
         yield f"took the larger end of actuatorfrcrange of joints {quoted(uneven)} either way: effort has one number"
-    if m.opt.density or m.opt.viscosity:
-        yield f"ignored a fluid (density {m.opt.density:g}, viscosity {m.opt.viscosity:g}): not supported"
     yield from _gravity_compensation(m, tree)
 
 

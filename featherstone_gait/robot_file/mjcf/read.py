@@ -18,6 +18,7 @@ from ..robot import Posture, Robot
 from .actuators import Actuators, read_actuators
 from .causes import doubts, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
+from .fluids import other_fluid, read_immersed
 from .loops import equality_names, read_loops
 from .sizes import check_sizes, documents_of
 from .tendons import read_tendons, taken
@@ -46,7 +47,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
         actuators = read_actuators(m, tree, tree.joints, taken(m, tree))
     pairs = (pair for root in documents.values() for pair in root.iter("pair"))
     touching = read_touching(m, tree, any("friction" in pair.attrib for pair in pairs))
-    for sentence in (*doubts(m, tree), *other_gravity(m), *actuators.doubts, *touching.doubts):
+    for sentence in (*doubts(m, tree), *other_gravity(m), *other_fluid(m), *actuators.doubts, *touching.doubts):
         report.doubt(sentence)
     report.raise_problems(path)
     shapes, left = read_shapes(m, tree, touching.friction)
@@ -57,7 +58,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     return Robot(
         name_of(m, path), tree.links, actuators.joints, shapes, tree.base, held_by(m, tree), actuators.servos,
         postures_of(m, tree), tuple(apart), read_loops(m, tree, equality_names(m)),
-        read_tendons(m, tree, actuators.drives),
+        read_tendons(m, tree, actuators.drives), read_immersed(m, tree),
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
-from ...model import Controller, Ground, Joint, Loop, Servo
+from ...model import Controller, Fluid, Ground, Joint, Loop, Servo
 from ...model.pair_contact import GROUND, NONE, PairContact
 from ...model.placed import SEPARATOR, link_name
 from ...model.shapes import Shape
@@ -28,6 +28,7 @@ from ..robot import Robot
 from .actuators import read_actuators
 from .causes import doubts, gravity_of, notes, refusals
 from .equalities import Line, couplings
+from .fluids import fluid_of, read_immersed
 from .loops import equality_names, joining_loops, read_loops
 from .read import compiled, held_by, name_of, postures_of
 from .sizes import documents_of
@@ -76,6 +77,7 @@ class Content(NamedTuple):
     excluded: list[tuple[str, str]]  # links of the scene that do not touch each other
     pairs: str | tuple[tuple[str, str], ...] | PairContact  # what does, if `save_scene` has written it
     loops: tuple[Loop, ...]  # between members
+    fluid: Fluid | None
 
 
 class Solids(NamedTuple):
@@ -138,7 +140,9 @@ def read_scene(path: Path, report: Report) -> Content:
         report.remark('bodies touch the ground alone, unless compile_scene is given pairs="all"')
     still = [link_name(part.robot.name, OBSTACLE) for part in obstacles]
     excluded, loops = _excluded(solids, owners, still), joining_loops(m, trees, equality_names(m))
-    return Content(name_of(m, path), members, obstacles, ground, gravity_of(m), excluded, pairs, loops)
+    return Content(
+        name_of(m, path), members, obstacles, ground, gravity_of(m), excluded, pairs, loops, fluid_of(m)
+    )
 
 
 def _pairs(documents: Iterable[Element]) -> str | tuple[tuple[str, str], ...] | PairContact:
@@ -213,7 +217,7 @@ def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Rep
     loops = read_loops(m, tree, [x.removeprefix(f"{prefix}{SEPARATOR}") for x in equality_names(m)], top)
     robot = Robot(
         name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree),
-        loops=loops, tendons=read_tendons(m, tree, drives, top),
+        loops=loops, tendons=read_tendons(m, tree, drives, top), immersed=read_immersed(m, tree, top),
     )  # fmt: skip
     touching = tuple(shape for g, shape in shapes.items() if g in solids.friction)
     return Part(robot, vector(m.body_pos[top]), tuple(m.body_quat[top].tolist()), touching)

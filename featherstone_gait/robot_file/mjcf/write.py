@@ -71,8 +71,12 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
     return "\n".join([*element("mujoco", {"model": model.name}, inside), ""])
 
 
+def _left_out(model: Model) -> list[str]:
+    return ["immersed shapes"] * bool(model.immersed) + ["propellers"] * bool(model.propellers)
+
+
 def _remarks(model: Model, ground: Ground | None) -> list[str]:
-    remarks = []
+    remarks = [f"left out {what}: MuJoCo's medium knows them not" for what in _left_out(model)]
     frictions = [point.friction for point in model.contacts] + [shape.friction for shape in model.shapes]
     if ground is None and any(mu is not None for mu in frictions):
         remarks.append("left out the friction that contacts have of their own with a floor: there is none")
