@@ -95,7 +95,7 @@ def _section(
     if name == "propellers":
         return {name: records_of(Propeller, table[name], name, lambda found: check_propellers(joints, found))}
     if name == "immersed":
-        shapes = records_of(Immersed, table[name], name, lambda found: check_links(name, links, (x.link for x in found)))
+        shapes = records_of(Immersed, table[name], name, lambda rows: check_links(name, links, (x.link for x in rows)))
         return {name: tuple(replace(shape, geometry=beside(shape.geometry, folder)) for shape in shapes)}
     inside = table_of(table, name, "")
     if name == "servos":

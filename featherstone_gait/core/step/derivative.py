@@ -38,15 +38,16 @@ def derivative(step, dy):
 
 @inline
 def _derivatives(trees, pairs, step, dy):
+    rows = any_present(any_present(step.scene.contact, step.scene.fluid), pairs)  # of forces on bodies
     if trees is None:
         _forces(step, dy)
-        _rates(any_present(any_present(step.scene.contact, step.scene.fluid), pairs), step, dy)
+        _rates(rows, step, dy)
     else:
         for k in range(len(trees)):
             _forces(of_tree(step, trees[k]), dy)
         if pairs is not None:
             pair_rates(pairs, step, dy)
-        _rates_of_all(joined_by(step.scene.loops), trees, any_present(any_present(step.scene.contact, step.scene.fluid), pairs), step, dy)
+        _rates_of_all(joined_by(step.scene.loops), trees, rows, step, dy)
 
 
 @inline
