@@ -413,8 +413,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
     check = preflight(model, drive, friction, lines, options)
     if model.loops:
-        names = quoted([loop.name for loop in model.loops])
-        check = check._replace(reason=f"{check.reason}; loops {names} are closed after each step")
+        check = _closing(check, model)
     method, h = _method(check.integrator, model, drive, friction), check.timestep
     period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
     ticks = round(period / h)
@@ -465,6 +464,12 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         stiff=drive.switches or ground is not None or check.largest_explicit_step < STIFF or sticks(friction),
         compiled=constants,
     )
+
+
+def _closing(check: Preflight, model: Model) -> Preflight:
+    """Say in the reason that loops are closed."""
+    names = quoted([loop.name for loop in model.loops])
+    return check._replace(reason=f"{check.reason}; loops {names} are closed after each step")
 
 
 def _lines(model: Model, springs: Iterable[Spring]) -> tuple[Tendon, ...]:
