@@ -412,8 +412,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     contact, tendons = build_contact(model, tree, ground, g), build_tendons(model, tree, lines)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
     check = preflight(model, drive, friction, lines, options)
-    if model.loops:
-        check = _closing(check, model)
+    check = _closing(check, model)
     method, h = _method(check.integrator, model, drive, friction), check.timestep
     period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
     ticks = round(period / h)
@@ -467,7 +466,9 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
 
 
 def _closing(check: Preflight, model: Model) -> Preflight:
-    """Say in the reason that loops are closed."""
+    """Say in the reason that loops are closed, if there are any."""
+    if not model.loops:
+        return check
     names = quoted([loop.name for loop in model.loops])
     return check._replace(reason=f"{check.reason}; loops {names} are closed after each step")
 
