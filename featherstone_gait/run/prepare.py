@@ -119,9 +119,9 @@ def with_tolerance(
         why = f"rtol asks for error control, and {so} stiff, limited between ticks, or on the ground"
         if rtol is None:
             why = f"controllers jump by what {scene.largest_jump:.2g} rad ask for, which asks for rtol {wanted:g}"
-        why = f"{taken} in place of {scene.integrator} ({scene.preflight.reason}): {why}"
+        why, ticks = f"{taken} in place of {scene.integrator} ({scene.preflight.reason}): {why}", scene.tick_steps
         scene = scene.recompiled(integrator=taken)
-        scene = replace(scene, preflight=scene.preflight._replace(reason=why))
+        scene = replace(scene, preflight=scene.preflight._replace(reason=why), tick_steps=ticks)
     if not scene.adaptive:
         return scene, None, None
     return scene, wanted, wanted if atol is None else atol
@@ -132,8 +132,8 @@ def most_ticks(scene: CompiledScene) -> int:
     return MOST_STEPS // scene.tick_steps
 
 
-def _plan(scene: CompiledScene, duration: float, record_interval: float | None) -> Plan:
-    """Return the plan of a run in whole steps, ticks and samples."""
+def whole_steps(scene: CompiledScene, duration: float) -> int:
+    """Return how many steps a run takes, in whole ticks; ValueError for a duration out of range."""
     h, tick = scene.timestep, scene.tick_steps
     if not is_real(duration) or not 0 < duration < math.inf:
         raise ValueError(f"duration is {shown(duration)} s; it must be positive and finite: give seconds")
@@ -142,10 +142,14 @@ def _plan(scene: CompiledScene, duration: float, record_interval: float | None) 
             f"duration is {duration!r} s, {duration / h:.3g} steps of {h:g} s; at most {MOST_STEPS:g}: simulate less, "
             "or compile the scene with a larger timestep"
         )
-    ticks = math.ceil(duration / (tick * h) - 1e-9)
-    every = steps_between_records(scene, record_interval)
+    return math.ceil(duration / (tick * h) - 1e-9) * tick
+
+
+def _plan(scene: CompiledScene, duration: float, record_interval: float | None) -> Plan:
+    """Return the plan of a run in whole steps, ticks and samples."""
+    steps, every = whole_steps(scene, duration), steps_between_records(scene, record_interval)
     falls = scene.fall_height, scene.fall_upright, scene.upright
-    return Plan(h, scene.method.theta, ticks * tick, tick, every, scene.lag, *falls)
+    return Plan(scene.timestep, scene.method.theta, steps, scene.tick_steps, every, scene.lag, *falls)
 
 
 def steps_between_records(scene: CompiledScene, record_interval: float | None) -> int:

@@ -9,6 +9,7 @@ A scene fixes robot, servos, ground, integrator and step; a simulation is then o
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
@@ -38,6 +39,7 @@ from .error_estimate import (
     with_error_estimate,
 )
 from .lane_engine import Source
+from .parts import check_switches, in_parts
 from .prepare import coordinates, each_once, prepare, recorded, with_tolerance
 from .program import CompiledController, with_ticks
 from .reference import Reference
@@ -68,6 +70,7 @@ def simulate(
     atol: float | None = None,
     estimate_error: bool | None = None,
     controller: CompiledController | None = None,
+    switches: Sequence[tuple[float, str, bool] | tuple[float, str, bool, float]] = (),
 ) -> Trajectory:
     """Simulate a scene, by default twice: a second, coarser run estimates the global error of each channel.
 
@@ -113,6 +116,11 @@ def simulate(
     controller
         A function made by `controller`, which turns the reference into what the servos follow, or into torques.  Its
         memory is zero at the start of each run, even of one that goes on from another; a `Session` keeps it.
+    switches
+        Loops that are made and broken during the run: (time since the first start [s], name, whether to close it), and
+        as a fourth `within` of `switch_loop`, which says what happens.  Times are those of controller ticks, of scenes
+        without sampled servos of steps; those before the run or from its end on have no effect.  A record at such a
+        time is that after it.
 
     Returns
     -------
@@ -139,6 +147,7 @@ def simulate(
     return simulate_batch(
         scene, duration, [state], [reference], [tau], pushes, record, record_interval,
         noises=[noise], rtol=rtol, atol=atol, estimate_error=estimate_error, controller=controller,
+        switches=switches,
     )[0]  # fmt: skip
 
 
@@ -164,6 +173,7 @@ def simulate_batch(
     atol: float | None = None,
     estimate_error: bool | None = None,
     controller: CompiledController | Sequence[CompiledController | None] | None = None,
+    switches: Sequence[tuple[float, str, bool] | tuple[float, str, bool, float]] = (),
 ) -> list[Trajectory]:
     """Simulate many states, references, torques or worlds at once, each by default twice, as `simulate` does.
 
@@ -180,7 +190,7 @@ def simulate_batch(
         Time to simulate [s], rounded up to whole controller ticks.
     states, references, taus, noises
         Lists of equal length with an entry for each run, as in `simulate`, or None.
-    pushes, record, record_interval, rtol, atol, estimate_error
+    pushes, record, record_interval, rtol, atol, estimate_error, switches
         As in `simulate`, for all runs.
     worlds
         Physical numbers in which the runs differ.
@@ -206,6 +216,14 @@ def simulate_batch(
     each = {"states": states, "references": references, "taus": taus, "noises": noises}
     several = controller if isinstance(controller, Iterable) else None
     runs = _runs(scene, worlds, each | {"controller": several})
+    if switched := check_switches(runs["scenes"], switches):
+        if controller is not None:
+            raise ValueError("switches: a controller would begin anew where a loop is switched; step a Session instead")
+        part = functools.partial(
+            simulate_batch, pushes=pushes, record=record, executor=executor, rtol=rtol, atol=atol,
+            estimate_error=estimate_error,
+        )  # fmt: skip
+        return in_parts(runs, duration, record_interval, switched, part)
     acts = runs["controller"] if several is not None else [controller] * len(runs["scenes"])
     columns = zip(runs["scenes"], acts, *(runs[name] for name in each))
     jobs = [Job(one, rtol, atol, record_interval, act, *given) for one, act, *given in columns]
