@@ -60,6 +60,10 @@ SIZE = 13
 # of the scaled L they leave (compliance / (compliance + k))^rounds.  In a step the rows of intermediate states, which
 # are open by the square of the step, contradict each other where they depend on each other at closed ones.
 EXACT, IN_STEP = (1e-8, 10), (1e-6, 4)
+# Rows of the forces, or moments, of a loop are scaled by their own diagonal of L, but as if it were at least so much of
+# the largest among them.  Where digits of a file let axes differ a little, a row across a plane moves by that little
+# alone, and what it contradicts the others by would become a force larger by its inverse.
+ALIKE = 1e-4
 IMMOVABLE = 1e-26  # of the most that L could have on its diagonal: a row below it moves nothing but by rounding
 SHORTEST = 1e-12  # distance of two points that still has a direction [m]
 
@@ -394,7 +398,8 @@ def respond_loop(robot, parts, contact, k, lines, W, rows, responses, roots):
 def fill_system(tree, parts, loop, count, listed, W, rows, found, L, e):
     """Fill the lower triangle of L (count, at least count + 1) of listed rows and their accelerations e, of all rows.
 
-    Column `count` of L takes the least diagonal of a row that does anything; found: responses and roots.
+    The next column of L takes the least diagonal of a row that does anything, the one after it the least by which rows
+    are scaled; found: responses and roots.
     """
     (responses, roots), least = found, 0.0 * W[0, P]
     for r in range(count):
@@ -408,6 +413,17 @@ def fill_system(tree, parts, loop, count, listed, W, rows, found, L, e):
         if at == k.first:
             least = IMMOVABLE * _most(tree, parts, k, rows, W)
         L[r, len(L)] = select(rows[at, ON] > 0.0, least, 1e300 + 0.0 * least)
+    for r in range(count):
+        largest = L[r, r]
+        for s in range(max(r - 2, 0), min(r + 3, count)):  # the rows of forces, or of moments, of a loop
+            if listed[1, s] == listed[1, r] and _is_force(loop, listed, s) == _is_force(loop, listed, r):
+                largest = select(L[s, s] > largest, L[s, s], largest)
+        L[r, len(L) + 1] = ALIKE * largest
+
+
+@inline
+def _is_force(loop, listed, r):
+    return listed[0, r] - loop[listed[1, r]].first < 3
 
 
 @inline
@@ -438,14 +454,15 @@ def apply_loop_row(tree, parts, k, r, f, W, responses, roots):
 
 @inline
 def factor_rows(L, softness):
-    """Factor the lower triangle of L (m, m + 2 or more), scaled to a unit diagonal, with the compliance.
+    """Factor the lower triangle of L (m, m + 2 or more), scaled to a unit diagonal or less, with the compliance.
 
-    Column m: the least diagonal of a row that does anything, which the scale replaces; 0 of one that does nothing.
+    Columns m and m + 1: of `fill_system`; the scale replaces the first, 0 of a row that does nothing.
     """
     m, (compliance, _) = len(L), softness
     for r in range(m):
         movable = L[r, r] > L[r, m]
-        L[r, m] = select(movable, 1.0 / sqrt(select(movable, L[r, r], 1.0)), 0.0)
+        size = select(L[r, r] > L[r, m + 1], L[r, r], L[r, m + 1])
+        L[r, m] = select(movable, 1.0 / sqrt(select(movable, size, 1.0)), 0.0)
     for r in range(m):
         for s in range(r + 1):
             L[r, s] = L[r, s] * L[r, m] * L[s, m]
