@@ -307,6 +307,7 @@ def humanoid_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no clearance (humanoid)", posed, near, "both record poses each step; distances are for after the run"),
         ("no round contacts (humanoid)", standing, balls, "points and spheres"),
         ("no wheels (humanoid)", balls, discs, "spheres and discs"),
+        ("ground at rest (humanoid)", standing, rollout(body, None, Ground(turning=0.1)), "a turntable"),
         ("no height field (humanoid)", standing, level, "level, 400 nodes"),
         ("nothing near the height field (humanoid)", rollout(body, None, field, lifted=10.0), level, "same kernel"),
     )

@@ -51,6 +51,12 @@ class ContactPoint:
         Whether the point carries weight at rest; the stiffness of the ground follows from the weight on those that do.
     friction : float or None
         Coefficient of friction with the ground [-]; None: that of the `Ground`.
+    roller_angle : float or None
+        Of a wheel with rollers about its rim: the angle from the axis of the wheel to that of the roller on the ground,
+        about the ground's normal [rad]: pi/2 of an omni wheel, pi/4 or -pi/4 of a mecanum wheel.  None: no rollers.
+    roller_friction : float
+        Coefficient of friction across the roller's axis, where the roller turns [-]; `friction` is that along it, and
+        between both the largest force is an ellipse.
     """
 
     link: str
@@ -60,6 +66,8 @@ class ContactPoint:
     axis: Vector = (0.0, 0.0, 1.0)
     load_bearing: bool = True
     friction: float | None = None
+    roller_angle: float | None = None
+    roller_friction: float = quantity(">= 0", "-", 0.0, "0 is rollers that turn freely")
 
     __repr__ = brief
 
@@ -70,7 +78,12 @@ class ContactPoint:
         instance(f"{what}: load_bearing", self.load_bearing, (bool, np.bool_), "give True or False")
         freeze(self, "position", "axis")
         check(quantity_flaws(what, self), friction_flaws(what, self.friction))
-        if self.circle_radius > 0 and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
+        if self.roller_angle is not None:
+            remedy = "pi/2 is an omni wheel, pi/4 a mecanum wheel"
+            check(number_flaws(what, "roller_angle", self.roller_angle, "finite", "rad", remedy))
+            check(angle_flaws(what, "roller_angle", (self.roller_angle,)))
+        round_ = self.circle_radius > 0 or self.roller_angle is not None
+        if round_ and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
             raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")
 
 
@@ -140,6 +153,13 @@ class Ground:
         Direction of slope and steps, about z from x [rad].
     field : HeightField or None
         Heights above a level plane without steps.
+    velocity : tuple of float
+        Velocity of the surface, as of a belt, along the slope in the direction `heading` and across it, to the left
+        [m/s].  The ground stays where it is.
+    turning : float
+        Angular velocity of the surface, as of a turntable, about the normal through `center` [rad/s].
+    center : tuple of float
+        x and y of the point about which it turns, where its velocity is `velocity` [m].
 
     Raises
     ------
@@ -155,11 +175,22 @@ class Ground:
     steps: tuple[tuple[float, float], ...] = ()
     heading: float = quantity("finite", "rad", 0.0, "0 is along x")
     field: HeightField | None = None
+    velocity: tuple[float, float] = (0.0, 0.0)
+    turning: float = quantity("finite", "rad/s", 0.0, "0 is no turntable")
+    center: tuple[float, float] = (0.0, 0.0)
 
     __repr__ = brief
 
+    @property
+    def moves(self) -> bool:
+        """Return whether the surface moves."""
+        return any(self.velocity) or self.turning != 0.0
+
     def __post_init__(self) -> None:
         check(quantity_flaws("ground", self))
+        for name in ("velocity", "center"):
+            check(vector_flaws("ground", name, getattr(self, name), 2))
+            freeze(self, name)
         if not (is_real(self.slope) and abs(self.slope) < 0.5 * math.pi):
             raise ValueError(
                 f"ground: slope {self.slope!r} rad; it must lie between -pi/2 and pi/2: give it in radians"
@@ -174,6 +205,8 @@ class Ground:
             )
         if self.field is not None and (self.slope or self.steps or self.heading):
             raise ValueError("ground: a height field has no slope, steps or heading besides; put them into its heights")
+        if self.field is not None and self.moves:
+            raise ValueError("ground: the surface of a height field does not move; leave out velocity and turning")
 
 
 def stairs(count: int, depth: float, rise: float, start: float = 0.0) -> tuple[tuple[float, float], ...]:

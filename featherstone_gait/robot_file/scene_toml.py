@@ -86,6 +86,7 @@ TOP = ("name", "gravity", "excluded", "pairs", "ground", "fluid", "robots", "obj
 PLACE = ("name", "position", "orientation", "rpy")
 OF_ROBOT = ("file", "base", "locked", "contacts", "gearbox", "ground_contact", "servos")
 MOMENTS = ("torsional_friction", "rolling_friction")
+PLANAR = ("velocity", "center")  # of the ground, two numbers each
 NO_SERVOS = "none"  # as a gearbox
 PAIRS = 'write "all", "none", or [["robot/hand", "cup"], ...]'
 
@@ -154,12 +155,15 @@ def _touching(table: Mapping[str, Any]) -> str | tuple[tuple[str, str], ...] | P
 
 def _ground(table: dict[str, Any]) -> Ground:
     """Read [ground]: the numbers of Ground, and its steps; a height field comes from Python."""
-    numbers = tuple(f.name for f in fields(Ground) if f.name not in ("steps", "field"))
-    check_keys(table, (*numbers, "steps"), "ground")
+    numbers = tuple(f.name for f in fields(Ground) if f.name not in ("steps", "field", *PLANAR))
+    check_keys(table, (*numbers, *PLANAR, "steps"), "ground")
     problems, found = Problems(), dict[str, Any]()
     for key in table:
         with problems.at(table, key):
-            found[key] = number(table, key, "ground") if key != "steps" else _steps(table[key])
+            if key in PLANAR:
+                found[key] = _numbers(table, key, "ground")
+            else:
+                found[key] = number(table, key, "ground") if key != "steps" else _steps(table[key])
     problems.raise_all()
     return Ground(**found)
 

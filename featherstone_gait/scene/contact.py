@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..base.fixed_order import applied
 from ..base.portable_math import sincos
 from ..base.rotation import dot, rotation_from_quaternion
-from ..core.effects.contact import POINT, Contact
+from ..core.effects.contact import MOTION, POINT, ROLLER, Contact
 from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
 from ..dynamics import deepest_points
@@ -41,7 +41,36 @@ def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.n
             "stiffness follows from the robot's weight; give a gravity that points into the ground, or ground=None"
         )
     under = _plane(ground) if ground.field is None else _field(ground.field, ground.height)
-    return Contact(_points(model, tree, ground, g), under, _curvature(model, tree))
+    return Contact(
+        _points(model, tree, ground, g), under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground)
+    )
+
+
+def _motion(ground: Ground) -> np.recarray | None:
+    """Build how the surface moves, None where it does not."""
+    if not ground.moves:
+        return None
+    normal, first, second = plane_axes(ground)
+    table, (x, y) = records(1, MOTION), ground.center
+    table[0].velocity = ground.velocity[0] * first + ground.velocity[1] * second
+    z = ground.height - float(normal[0] * x + normal[1] * y) / float(normal[2])
+    table[0].center, table[0].spin, table[0].rate = (x, y, z), ground.turning * normal, ground.turning
+    return table
+
+
+def _rollers(model: Model, tree: Tree, ground: Ground) -> np.recarray | None:
+    """Build the rollers of wheels, in the order of the points; None without."""
+    contacts = [model.contacts[k] for k in by_body(model, tree)]
+    if all(point.roller_angle is None for point in contacts):
+        return None
+    table = records(len(contacts), ROLLER)
+    for row, point in zip(table, contacts):
+        if point.roller_angle is not None:
+            row.on, row.axis = 1, applied(tree.placements[point.link].E, np.array(point.axis))
+            row.sine, row.cosine = sincos(point.roller_angle)
+            along = ground.friction if point.friction is None else point.friction
+            row.free = point.roller_friction / along if along > 0 else 0.0
+    return table
 
 
 def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 
 from ..base.rotation import rotation_from_quaternion, rpy_from_rotation
-from ..core.effects.contact import Contact
+from ..core.effects.contact import ROLLER, Contact
 from ..core.effects.drag import DRAG
 from ..core.effects.firmware import BAND, PWM, Firmware
 from ..core.effects.friction import FRICTION
@@ -360,7 +360,9 @@ def _contact(contacts: Sequence[Contact | None], moved: Sequence[Shift]) -> Cont
         table = one.points.copy()
         table.body += at.body
         tables.append(table)
-    return Contact(_concatenated(tables), given[0][0].ground, _geometry([one for one, _ in given]))
+    rollers = _stacked([one.rollers for one, _ in given], [len(one.points) for one, _ in given], ROLLER)
+    first = given[0][0]
+    return Contact(_concatenated(tables), first.ground, _geometry([one for one, _ in given]), first.motion, rollers)
 
 
 def _geometry(contacts: Sequence[Contact]) -> Any:

@@ -204,6 +204,11 @@ def _parts(members: Sequence[Member], obstacles: Sequence[Placed], tree: Tree, g
             link = link_name(placed.name, shape.link)
             solids.append(Solid(link, placed.name, WORLD, beyond, False, shape, turn, at))
     if ground is not None and any(solid.moves and not solid.on_points for solid in solids):
+        if ground.moves:
+            raise ValueError(
+                "ground: its surface moves under contact points alone, and links without these touch it; give them "
+                "contact points, or leave out velocity and turning"
+            )
         solids += of_ground(ground, beyond)
     return Parts(solids, np.concatenate(meeting), notes)
 

@@ -21,9 +21,9 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select, sqrt
 from ..compile.structure import record, structure
 from ..tree.forest import base_index, base_of, joint_count, points_of
-from ..tree.layout import SF, SH, SJ, SM, TOUCH, U
+from ..tree.layout import SF, SH, SJ, SM, TOUCH, R, U
 from ..tree.rigid_body import center_velocity, point_position
-from ..tree.spatial import add, cross, dot, load3, scale, store3, sub, vector
+from ..tree.spatial import add, cross, dot, load3, load9, rotate, scale, store3, sub, vector
 from .ground import AXES, axes_at, deepest, fixed_axes, height_over
 
 POINT = record(
@@ -37,6 +37,22 @@ POINT = record(
 )
 
 
+MOTION = record(
+    velocity=(float, 3),  # of the surface at the center [m/s]
+    center=(float, 3),  # [m]
+    spin=(float, 3),  # its angular velocity, along the normal [rad/s]
+    rate=float,  # that about the normal [rad/s]
+)
+
+ROLLER = record(
+    on=int,  # 1 = the point is that of a wheel with rollers
+    axis=(float, 3),  # of the wheel, body frame
+    sine=float,  # of the angle from the wheel's axis to the rollers', about the normal
+    cosine=float,
+    free=float,  # friction across a roller's axis by that along it
+)
+
+
 @structure
 class Contact(NamedTuple):
     """Contact points, the ground, and the shapes about the points."""
@@ -44,6 +60,8 @@ class Contact(NamedTuple):
     points: np.ndarray  # (points,) POINT
     ground: tuple  # one of the kinds in ground.py
     contact_geometry: tuple | None  # one of the kinds in touch.py; None where all are points
+    motion: np.ndarray | None = None  # (1,) MOTION of a ground whose surface moves
+    rollers: np.ndarray | None = None  # (points,) ROLLER
 
 
 FLOOR = 1e-11  # of the forces that Newton's iteration compares [N m, N]
@@ -62,7 +80,9 @@ FL = 17  # 3: forces of the linear model at the velocities that its solution gav
 UN = 20  # 3: those velocities
 RHO = 23  # 3: generalized inertial forces at UK (see step/newton.py)
 LIMIT = 26  # largest friction force of the step [N]
-SCRATCH = AXES + 9  # AXES, 9: of a height field normal, first and second tangent under the point
+BELT = AXES + 9  # 2: velocity of the ground's surface along the tangents [m/s]
+ROLL = AXES + 11  # 4: along and across the rollers' axis by the tangents, row by row, the second scaled
+SCRATCH = AXES + 15  # AXES, 9: of a height field normal, first and second tangent under the point
 
 
 # ---------------------------------------------------------------------------------------------- place
@@ -91,10 +111,76 @@ def place_points(contact, step, base_q, lookahead_time):
         n, t, second = axes_at(plane, c, C)
         v = center_velocity(i, x, W)
         store3(C, c, XP, x)
-        u = (dot(n, v), dot(t, v), dot(second, v))
+        u = _on_surface(contact.motion, c, x, (dot(n, v), dot(t, v), dot(second, v)), (t, second), base_q, C)
+        _place_roller(contact.rollers, c, i, (n, t, second), W, C)
         store3(C, c, U0, u)
         store3(C, c, UK, u)
         C[c, DEPTH] = depth + lookahead_time * u[0]
+
+
+@inline
+def _on_surface(motion, c, x, u, tangents, base_q, C):
+    """Return the velocity u of a point less that of the surface, which moves in its plane."""
+    if motion is None:
+        return u
+    m = motion[0]
+    if base_q is not None:
+        x = add(x, vector(base_q))
+    v = add(vector(m.velocity), cross(vector(m.spin), sub(x, vector(m.center))))
+    C[c, BELT], C[c, BELT + 1] = dot(tangents[0], v), dot(tangents[1], v)
+    return (u[0], u[1] - C[c, BELT], u[2] - C[c, BELT + 1])
+
+
+@inline
+def surface_power(motion, c, f, C):
+    """Return the power of the ground's force f on a point by the velocity of the surface alone [W]."""
+    if motion is None:
+        return 0.0
+    return f[1] * C[c, BELT] + f[2] * C[c, BELT + 1]
+
+
+@inline
+def _place_roller(rollers, c, i, frame, W, C):
+    """Fill how the velocity of a point of a wheel counts along the axis of the roller under it, and across."""
+    if rollers is not None:
+        (_, t, s), r, one = frame, rollers[c], 1.0 + 0.0 * W[i, R]
+        C[c, ROLL], C[c, ROLL + 1], C[c, ROLL + 2], C[c, ROLL + 3] = one, 0.0 * one, 0.0 * one, one
+        if r.on > 0:
+            a = rotate(load9(W, i, R), vector(r.axis))
+            x, y = dot(a, t), dot(a, s)
+            size = sqrt(x * x + y * y)
+            lies = size > 0.0
+            x = select(lies, x / select(lies, size, one), one)
+            y = select(lies, y / select(lies, size, one), 0.0 * one)
+            p, q = r.cosine * x - r.sine * y, r.cosine * y + r.sine * x
+            C[c, ROLL], C[c, ROLL + 1] = p, q
+            C[c, ROLL + 2], C[c, ROLL + 3] = -r.free * q, r.free * p
+
+
+@inline
+def _rolled(rollers, c, u, C):
+    """Return a velocity along the rollers' axis and, scaled, across it; u without rollers."""
+    if rollers is None:
+        return u
+    return (u[0], C[c, ROLL] * u[1] + C[c, ROLL + 1] * u[2], C[c, ROLL + 2] * u[1] + C[c, ROLL + 3] * u[2])
+
+
+@inline
+def _rolled_back(rollers, c, f, C):
+    """Return a force in those axes along the tangents."""
+    if rollers is None:
+        return f
+    return (C[c, ROLL] * f[0] + C[c, ROLL + 2] * f[1], C[c, ROLL + 1] * f[0] + C[c, ROLL + 3] * f[1])
+
+
+@inline
+def _rolled_slope(rollers, c, k, C):
+    """Return a slope (11, 12, 22) in those axes along the tangents."""
+    if rollers is None:
+        return k
+    a, b, d, e = C[c, ROLL], C[c, ROLL + 1], C[c, ROLL + 2], C[c, ROLL + 3]
+    p, q, r, s = k[0] * a + k[1] * d, k[0] * b + k[1] * e, k[1] * a + k[2] * d, k[1] * b + k[2] * e
+    return (a * p + d * r, a * q + d * s, b * q + e * s)
 
 
 # ---------------------------------------------------------------------------------------------- law
@@ -134,24 +220,44 @@ def friction_force(p, z, u, limit, h):
 
 
 @inline
-def _bristle(step, c):
-    return step.y[step.offsets.tangential_deflection + 2 * c], step.y[step.offsets.tangential_deflection + 2 * c + 1]
+def _bristle(contact, step, c):
+    z = step.y[step.offsets.tangential_deflection + 2 * c], step.y[step.offsets.tangential_deflection + 2 * c + 1]
+    return _turned(contact.motion, contact.rollers, c, z, step.h_implicit)
 
 
 @inline
-def point_force(p, z, u, c, h, C):
+def _turned(motion, rollers, c, z, h):
+    """Return the bristle as the surface has turned it by the end of a step; that of a wheel with rollers stays."""
+    if motion is None:
+        return z
+    return _turned_if(rollers, c, z, h * motion[0].rate)
+
+
+@inline
+def _turned_if(rollers, c, z, turn):
+    if rollers is not None:
+        if rollers[c].on > 0:
+            turn = 0.0
+    k = 1.0 / (1.0 + turn * turn)
+    return (k * (z[0] - turn * z[1]), k * (z[1] + turn * z[0]))
+
+
+@inline
+def point_force(rollers, p, z, u, c, h, C):
     """Return the force on the point c of law p with the bristle z at the velocity u, in its axes [N]."""
     fn, _ = normal_force(p, C[c, DEPTH], u[0], h)
-    f, _, _ = friction_force(p, z, u, C[c, LIMIT], h)
+    f, _, _ = friction_force(p, z, _rolled(rollers, c, u, C), C[c, LIMIT], h)
+    f = _rolled_back(rollers, c, f, C)
     return (fn, f[0], f[1])
 
 
 @inline
-def linearize_point(p, z, c, h, C):
+def linearize_point(rollers, p, z, c, h, C):
     """Fill force and slopes of the point c of law p with the bristle z at the velocity UK."""
     u = load3(C, c, UK)
     fn, cn = normal_force(p, C[c, DEPTH], u[0], h)
-    f, slope, _ = friction_force(p, z, u, C[c, LIMIT], h)
+    f, slope, _ = friction_force(p, z, _rolled(rollers, c, u, C), C[c, LIMIT], h)
+    f, slope = _rolled_back(rollers, c, f, C), _rolled_slope(rollers, c, slope, C)
     store3(C, c, FK, (fn, f[0], f[1]))
     C[c, CN] = cn
     store3(C, c, C1, slope)
@@ -177,9 +283,10 @@ def solve_point(frame, a, c, h, C):
 
 
 @inline
-def compare_point(p, z, c, step, C, wrong, slope):
+def compare_point(rollers, p, z, c, step, C, wrong, slope):
     """Add to `wrong` where the force at UN differs from the linear model's, and to the slope of the descent [W]."""
-    return compare_force(point_force(p, z, load3(C, c, UN), c, step.h_implicit, C), c, step, C, wrong, slope)
+    f = point_force(rollers, p, z, load3(C, c, UN), c, step.h_implicit, C)
+    return compare_force(f, c, step, C, wrong, slope)
 
 
 @inline
@@ -193,9 +300,9 @@ def compare_force(f, c, step, C, wrong, slope):
 
 
 @inline
-def point_slope(p, z, c, fraction, h, C):
+def point_slope(rollers, p, z, c, fraction, h, C):
     """Return the point's part of the slope of the convex function at a fraction of the pass [W]."""
-    return force_slope(point_force(p, z, velocity_at(c, fraction, C), c, h, C), c, fraction, C)
+    return force_slope(point_force(rollers, p, z, velocity_at(c, fraction, C), c, h, C), c, fraction, C)
 
 
 @inline
@@ -252,7 +359,7 @@ def linearize_contacts(contact, step):
         return
     C, (first, end) = step.C, points_of(step.part, contact.points)
     for c in range(first, end):
-        linearize_point(contact.points[c], _bristle(step, c), c, step.h_implicit, C)
+        linearize_point(contact.rollers, contact.points[c], _bristle(contact, step, c), c, step.h_implicit, C)
 
 
 @kernel
@@ -349,7 +456,8 @@ def compare_contacts(contact, step, wrong, slope):
     if contact is not None:
         first, end = points_of(step.part, contact.points)
         for c in range(first, end):
-            wrong, slope = compare_point(contact.points[c], _bristle(step, c), c, step, step.C, wrong, slope)
+            p, z = contact.points[c], _bristle(contact, step, c)
+            wrong, slope = compare_point(contact.rollers, p, z, c, step, step.C, wrong, slope)
     return wrong, slope
 
 
@@ -359,7 +467,8 @@ def contact_slope(contact, step, fraction, slope):
     if contact is not None:
         first, end = points_of(step.part, contact.points)
         for c in range(first, end):
-            slope = slope + point_slope(contact.points[c], _bristle(step, c), c, fraction, step.h_implicit, step.C)
+            p, z = contact.points[c], _bristle(contact, step, c)
+            slope = slope + point_slope(contact.rollers, p, z, c, fraction, step.h_implicit, step.C)
     return slope
 
 
@@ -383,7 +492,8 @@ def contact_branch(contact, step, c):
     """Return whether the ground pushes point c: 0 no, 1 it sticks, 2 it slips."""
     p, u = contact.points[c], load3(step.C, c, UN)
     fn, _ = normal_force(p, step.C[c, DEPTH], u[0], step.h_implicit)
-    _, _, slips = friction_force(p, _bristle(step, c), u, step.C[c, LIMIT], step.h_implicit)
+    z, u = _bristle(contact, step, c), _rolled(contact.rollers, c, u, step.C)
+    _, _, slips = friction_force(p, z, u, step.C[c, LIMIT], step.h_implicit)
     one = 1.0 + 0.0 * fn
     return select(fn > 0.0, select(slips, 2.0 * one, one), 0.0 * fn)
 
@@ -395,16 +505,17 @@ def move_contacts(contact, step):
         y, offsets, C, h = step.y, step.offsets, step.C, step.h_implicit
         work, (first, end) = offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
         for c in range(first, end):
-            p, u, z = contact.points[c], load3(C, c, UN), _bristle(step, c)
-            f = point_force(p, z, u, c, h, C)
-            y[work] += step.h * dot(f, u)
-            _, _, slips = friction_force(p, z, u, C[c, LIMIT], h)
+            p, u, z = contact.points[c], load3(C, c, UN), _bristle(contact, step, c)
+            f = point_force(contact.rollers, p, z, u, c, h, C)
+            y[work] += step.h * (dot(f, u) + surface_power(contact.motion, c, f, C))
+            u = _rolled(contact.rollers, c, u, C)
+            along, _, slips = friction_force(p, z, u, C[c, LIMIT], h)
             kappa = 1.0 / (h * p.tangential_stiffness + p.tangential_damping)
-            m1 = select(slips, (p.tangential_damping * z[0] - h * f[1]) * kappa, z[0] + h * u[1])
-            m2 = select(slips, (p.tangential_damping * z[1] - h * f[2]) * kappa, z[1] + h * u[2])
+            m1 = select(slips, (p.tangential_damping * z[0] - h * along[0]) * kappa, z[0] + h * u[1])
+            m2 = select(slips, (p.tangential_damping * z[1] - h * along[1]) * kappa, z[1] + h * u[2])
             bristle = offsets.tangential_deflection + 2 * c
-            y[bristle] = z[0] + (m1 - z[0]) * (1.0 / step.theta)
-            y[bristle + 1] = z[1] + (m2 - z[1]) * (1.0 / step.theta)
+            y[bristle] = y[bristle] + (m1 - y[bristle]) * (1.0 / step.theta)
+            y[bristle + 1] = y[bristle + 1] + (m2 - y[bristle + 1]) * (1.0 / step.theta)
             for k in range(3):
                 y[offsets.contact_force + 3 * c + k] = f[k]
 
@@ -421,28 +532,47 @@ def contact_rates(contact, step, dy):
         work, (first, end) = step.offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
         dy[work] = 0.0 * step.y[work]
         for c in range(first, end):
-            _rates(contact.points[c], step, dy, c)
+            _rates(contact.motion, contact.rollers, contact.points[c], step, dy, c)
         fold_contacts(contact, step, 0.0)
 
 
 @inline
-def _rates(p, step, dy, c):
+def _rates(motion, rollers, p, step, dy, c):
     y, offsets, C = step.y, step.offsets, step.C
     u = load3(C, c, U0)
     fn, _ = normal_force(p, C[c, DEPTH], u[0], 0.0)
     limit = p.friction * fn
-    z = _bristle(step, c)
-    f, _, slips = friction_force(p, z, u, limit, 0.0)
     kt, dt, bristle = p.tangential_stiffness, p.tangential_damping, offsets.tangential_deflection + 2 * c
-    dy[bristle] = select(slips, -(f[0] + kt * z[0]) / dt, u[1])  # what slips keeps -kt z - dt dz/dt at the force
-    dy[bristle + 1] = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
-    dy[offsets.contact_work + base_index(step.part)] += fn * u[0] + f[0] * u[1] + f[1] * u[2]
+    z, along = (y[bristle], y[bristle + 1]), _rolled(rollers, c, u, C)
+    f, _, slips = friction_force(p, z, along, limit, 0.0)
+    dy[bristle] = select(slips, -(f[0] + kt * z[0]) / dt, along[1])  # what slips keeps -kt z - dt dz/dt at the force
+    dy[bristle + 1] = select(slips, -(f[1] + kt * z[1]) / dt, along[2])
+    _turn_bristle(motion, rollers, c, z, bristle, dy)
+    f = _rolled_back(rollers, c, f, C)
+    power = fn * u[0] + f[0] * u[1] + f[1] * u[2]
+    dy[offsets.contact_work + base_index(step.part)] += power + surface_power(motion, c, (fn, f[0], f[1]), C)
     store3(C, c, FK, (fn, f[0], f[1]))
     for k in range(4):
         C[c, CN + k] = 0.0
     C[c, LIMIT] = limit
     for k in range(3):
         y[offsets.contact_force + 3 * c + k] = C[c, FK + k]
+
+
+@inline
+def _turn_bristle(motion, rollers, c, z, bristle, dy):
+    """Let a bristle turn with the surface."""
+    if motion is not None:
+        _turn(rollers, c, z, motion[0].rate, bristle, dy)
+
+
+@inline
+def _turn(rollers, c, z, rate, bristle, dy):
+    if rollers is not None:
+        if rollers[c].on > 0:
+            return
+    dy[bristle] -= rate * z[1]
+    dy[bristle + 1] += rate * z[0]
 
 
 def explicit_limit(sinking, g):

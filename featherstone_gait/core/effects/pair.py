@@ -573,7 +573,7 @@ def linearize_pair(turning, pair, step, c):
     """Fill force, slopes and their factor of the point or moment c, zero in lanes where it is far."""
     C, h = step.pool.C, step.h_implicit
     if turning is None:
-        linearize_point(pair, bristle(C, c), c, h, C)
+        linearize_point(None, pair, bristle(C, c), c, h, C)
     else:
         if is_moment(turning, step.pool, c):
             m, slopes, _, _ = moment(turning[step.pool.pair[c]], load3(C, c, UK), c, h, C)
@@ -581,7 +581,7 @@ def linearize_pair(turning, pair, step, c):
             for k in range(4):
                 C[c, CN + k] = slopes[k]
         else:
-            linearize_point(pair, bristle(C, c), c, h, C)
+            linearize_point(None, pair, bristle(C, c), c, h, C)
     on = C[c, ON] > 0.0
     zero = 0.0 * C[c, ON]
     for k in range(3):
@@ -650,7 +650,7 @@ def compare_pair(turning, pair, step, c, wrong, slope):
         if is_moment(turning, step.pool, c):
             m, _, _, _ = moment(turning[step.pool.pair[c]], load3(C, c, UN), c, step.h_implicit, C)
             return compare_force(m, c, step, C, wrong, slope)
-    return compare_point(pair, bristle(C, c), c, step, C, wrong, slope)
+    return compare_point(None, pair, bristle(C, c), c, step, C, wrong, slope)
 
 
 @inline
@@ -662,7 +662,7 @@ def pair_slope(turning, pair, step, c, fraction):
             u = velocity_at(c, fraction, C)
             m, _, _, _ = moment(turning[step.pool.pair[c]], u, c, step.h_implicit, C)
             return force_slope(m, c, fraction, C)
-    return point_slope(pair, bristle(C, c), c, fraction, step.h_implicit, C)
+    return point_slope(None, pair, bristle(C, c), c, fraction, step.h_implicit, C)
 
 
 @inline
@@ -688,7 +688,7 @@ def _move_point(pair, step, c):
     """Move the bristle of the point c, its force and its work."""
     y, o, C, h = step.y, step.offsets, step.pool.C, step.h_implicit
     u, z = load3(C, c, UN), bristle(C, c)
-    f = point_force(pair, z, u, c, h, C)
+    f = point_force(None, pair, z, u, c, h, C)
     on, zero = C[c, ON] > 0.0, 0.0 * C[c, ON]
     y[o.pair_work] += step.h * select(on, dot(f, u), zero)
     _, _, slips = friction_force(pair, z, u, C[c, LIMIT], h)
