@@ -72,11 +72,15 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
 
 
 def _left_out(model: Model) -> list[str]:
-    return ["immersed shapes"] * bool(model.immersed) + ["propellers"] * bool(model.propellers)
+    rollers = any(point.roller_angle is not None for point in model.contacts)
+    shapes = ["immersed shapes"] * bool(model.immersed) + ["propellers"] * bool(model.propellers)
+    return shapes + ["rollers of wheels"] * rollers
 
 
 def _remarks(model: Model, ground: Ground | None) -> list[str]:
-    remarks = [f"left out {what}: MuJoCo's medium knows them not" for what in _left_out(model)]
+    remarks = [f"left out {what}, which MJCF does not state" for what in _left_out(model)]
+    if ground is not None and ground.moves:
+        remarks.append("left out the velocity of the ground's surface")
     frictions = [point.friction for point in model.contacts] + [shape.friction for shape in model.shapes]
     if ground is None and any(mu is not None for mu in frictions):
         remarks.append("left out the friction that contacts have of their own with a floor: there is none")

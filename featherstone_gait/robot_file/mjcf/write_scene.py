@@ -54,6 +54,10 @@ def scene_text(scene: SceneModel) -> str:
     parts = [_written(placed, scene, _on_ground(placed, scene)) for placed in scene.all]
     for placed, part in zip(scene.all, parts):
         root.extend(_comments(placed.name, part.root))
+    if scene.fluid is not None:
+        root.append(Comment(f" left out the fluid of density {scene.fluid.density!r}, and what it acts on "))
+    if scene.ground is not None and scene.ground.moves:
+        root.append(Comment(" left out the velocity of the ground's surface "))
     SubElement(root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true")
     options = {} if scene.gravity is None else {"gravity": _numbers(scene.gravity)}
     SubElement(root, "option", options | ({"cone": "elliptic"} if scene.ground else {}))
