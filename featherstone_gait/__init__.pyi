@@ -58,6 +58,7 @@ from .model import Spring as Spring
 from .model import Supply as Supply
 from .model import Tendon as Tendon
 from .model import Via as Via
+from .model import Wrap as Wrap
 from .model import stairs as stairs
 from .model.pair_contact import PairContact as PairContact
 from .model.placed import Placed as Placed

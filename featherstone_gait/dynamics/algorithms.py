@@ -26,13 +26,14 @@ from ..core.tree import batch
 from ..core.tree.layout import Motion, Robot
 from ..core.tree.loop import SIZE as ROW_SIZE
 from ..core.tree.rows import SIDE
-from ..model import Model, Spring, Tendon, Via
+from ..core.tree.wrap import ways_around
+from ..model import Model, Spring, Tendon, Via, Wrap
 from ..model.degrees import ball_name, is_first
 from ..model.numpy_dynamics import Poses, what_is_loose
 from ..model.tree_checks import check_springs
 from ..scene.external import build_lifts
 from ..scene.loop import build_loops
-from ..scene.tree import GRAVITY, Tree, compile_tree, joint_armature
+from ..scene.tree import GRAVITY, Tree, compile_tree, joint_armature, wrap_record
 
 
 class Wrench(NamedTuple):
@@ -678,23 +679,68 @@ def lengths_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.nda
             held = name in model.held
             lengths[..., k] += c * (model.held[name] if held else single[..., model.joint_rows[name]])
         if poses is not None:
-            for _, b, _, distance in pieces(model, poses, tendon):
-                lengths[..., k] += b.share * distance
+            for one in pieces(model, poses, tendon):
+                lengths[..., k] += one.share * one.length
     return lengths
 
 
-def pieces(model: Model, poses: Poses, tendon: Tendon) -> Iterator[tuple[Via, Via, np.ndarray, np.ndarray]]:
-    """Yield the ends of each straight piece of a path, the direction (..., 3) between them, and the distance (...)."""
-    for a, b in zip(tendon.path, tendon.path[1:]):
-        if b.share > 0:
-            ends = []
-            for one in (a, b):
-                row = model.link_index(one.link)
-                local = applied(poses.rotation[..., row, :, :], np.array(one.point))
-                ends.append(poses.position[..., row, :] + local)
-            way = ends[1] - ends[0]
-            distance = np.sqrt(total(way * way))
-            yield a, b, way / np.where(distance > 0.0, distance, 1.0)[..., None], distance
+class Piece(NamedTuple):
+    """A straight piece of a tendon between points of two links."""
+
+    link_a: str
+    a: np.ndarray  # (..., 3) in the world [m]
+    link_b: str
+    b: np.ndarray
+    direction: np.ndarray  # (..., 3)
+    length: np.ndarray  # (...) with that of the bend after it [m]
+    share: float
+
+
+def pieces(model: Model, poses: Poses, tendon: Tendon) -> Iterator[Piece]:
+    """Yield the straight pieces of a path; around a shape two, the first of the whole length where it does not turn."""
+    for k, after in enumerate(tendon.path):
+        wrap = tendon.path[k - 1] if k else None
+        before = tendon.path[k - 2] if isinstance(wrap, Wrap) else wrap
+        if not (isinstance(before, Via) and isinstance(after, Via) and after.share > 0):
+            continue
+        a, b = (_place_of(model, poses, one.link, one.point) for one in (before, after))
+        distance, way = _direction(a, b)
+        if not isinstance(wrap, Wrap):
+            yield Piece(before.link, a, after.link, b, way, distance, after.share)
+            continue
+        turns, c, d, arc = _touching_points(model, poses, wrap, a, b)
+        (first, e), (last, f), bent = _direction(a, c), _direction(d, b), turns[..., None]
+        c, d = np.where(bent, c, b), np.where(bent, d, b)
+        length = np.where(turns, first + arc + last, distance)
+        yield Piece(before.link, a, wrap.link, c, np.where(bent, e, way), length, after.share)
+        yield Piece(wrap.link, d, after.link, b, np.where(bent, f, way), 0.0 * length, after.share)
+
+
+def _place_of(model: Model, poses: Poses, link: str, point: Sequence[float]) -> np.ndarray:
+    row = model.link_index(link)
+    return poses.position[..., row, :] + applied(poses.rotation[..., row, :, :], np.array(point))
+
+
+def _direction(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distance (...) of points and the direction (..., 3) from one to the other, 0 where they meet."""
+    way = b - a
+    distance = np.sqrt(total(way * way))
+    return distance, way / np.where(distance > 0.0, distance, 1.0)[..., None]
+
+
+def _touching_points(
+    model: Model, poses: Poses, wrap: Wrap, a: np.ndarray, b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return whether the way around a shape turns (...), its points of contact (..., 3) and its bend (...) [m]."""
+    table = wrap_record(wrap, np.eye(3))
+    E = product(poses.rotation[..., model.link_index(wrap.link), :, :], table.E[0].reshape(3, 3))
+    center, back = _place_of(model, poses, wrap.link, wrap.point), np.swapaxes(E, -1, -2)
+    local = [np.ascontiguousarray(applied(back, one - center).reshape(-1, 3)) for one in (a, b)]
+    out = np.zeros((len(local[0]), 8))
+    ways_around(table, *local, out)
+    out = out.reshape(*a.shape[:-1], 8)
+    c, d = (center + applied(E, out[..., k : k + 3]) for k in (1, 4))
+    return out[..., 0] > 0, c, d, out[..., 7]
 
 
 def spring_forces(tendons: Iterable[Tendon], lengths: np.ndarray) -> np.ndarray:
@@ -998,10 +1044,11 @@ def _add_paths(
         return
     at, pulls = forward_kinematics(model, q), spring_forces(tendons, lengths_of(model, q, tendons))
     for tendon, pull in zip(tendons, pulls.T):
-        for a, b, e, _ in pieces(model, at, tendon):
-            for end, sign in ((a, -b.share), (b, b.share)):
-                place, force = tree.placements[end.link], sign * pull[:, None] * e
-                arm = place.r + applied(place.E, np.array(end.point))
+        for one in pieces(model, at, tendon):
+            for link, end, sign in ((one.link_a, one.a, -one.share), (one.link_b, one.b, one.share)):
+                place, force, row = tree.placements[link], sign * pull[:, None] * one.direction, model.link_index(link)
+                back = np.swapaxes(at.rotation[..., row, :, :], -1, -2)
+                arm = place.r + applied(place.E, applied(back, end - at.position[..., row, :]))
                 p = poses[:, place.row, 9:] + applied(poses[:, place.row, :9].reshape(-1, 3, 3), arm)
                 out[:, place.row, :3] += np.cross(p, force)
                 out[:, place.row, 3:] += force

@@ -105,8 +105,12 @@ def center_of_mass_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
 
 def jacobian_at(model: Model, poses: Poses, link: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
     """Compute `jacobian` (..., 6, nv) in world axes for poses that are known."""
-    chains, row = chains_of(model), model.link_index(link)
-    where, axes = point_at(poses, row, point), joint_axes(model, poses)
+    return jacobian_of(model, poses, link, point_at(poses, model.link_index(link), point))
+
+
+def jacobian_of(model: Model, poses: Poses, link: str, where: np.ndarray) -> np.ndarray:
+    """Compute the same (..., 6, nv) of points of a link whose world positions (..., 3) are given [m]."""
+    chains, row, axes = chains_of(model), model.link_index(link), joint_axes(model, poses)
     lever = where[..., None, :] - poses.position[..., chains.children, :]
     turn = np.where(chains.slides, 0.0, axes)
     move = np.where(chains.slides, axes, _cross(axes, lever) + chains.pitches * axes)

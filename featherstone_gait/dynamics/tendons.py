@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..base.fixed_order import total
 from ..model import Model, Tendon
 from .algorithms import forward_kinematics, lengths_of, pieces, positions_of, rotation_vectors
-from .jacobians import jacobian_at
+from .jacobians import jacobian_of
 
 EVEN = math.sqrt(1.0 / 3.0)  # direction in which a ball joint in its zero orientation is taken to turn
 
@@ -54,9 +54,10 @@ def rows_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.ndarra
             elif name not in model.held:
                 J[..., k, model.qd_index(name)] += c
         if poses is not None:
-            for a, b, e, _ in pieces(model, poses, tendon):
-                turn = [jacobian_at(model, poses, one.link, one.point)[..., 3:, :] for one in (a, b)]
-                J[..., k, :] += b.share * total(np.swapaxes(e[..., :, None] * (turn[1] - turn[0]), -1, -2))
+            for one in pieces(model, poses, tendon):
+                ends = ((one.link_a, one.a), (one.link_b, one.b))
+                turn, e = [jacobian_of(model, poses, link, at)[..., 3:, :] for link, at in ends], one.direction
+                J[..., k, :] += one.share * total(np.swapaxes(e[..., :, None] * (turn[1] - turn[0]), -1, -2))
     return J
 
 

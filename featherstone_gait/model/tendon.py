@@ -5,17 +5,30 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias, get_args
 
 from ..base.arguments import is_real, listed, shown
 from ..base.brief import brief
 from ..base.flaws import quoted
-from .checks import LARGEST, check, freeze, name_flaws, quantity, quantity_flaws, refuse, vector_flaws
+from .checks import (
+    LARGEST,
+    allowed,
+    check,
+    choice_flaws,
+    freeze,
+    name_flaws,
+    number_flaws,
+    quantity,
+    quantity_flaws,
+    refuse,
+    vector_flaws,
+)
 from .links import Joint, Link, Spring, Vector
 from .servo import TORQUE_LAWS, Controller
 
 Moment: TypeAlias = tuple[str, float]
+WrapShape = Literal["sphere", "cylinder"]
 
 
 @dataclass(frozen=True)
@@ -46,6 +59,50 @@ class Via:
 
 
 @dataclass(frozen=True)
+class Wrap:
+    """A sphere or a cylinder around which a tendon runs on its way from the point before to the point after.
+
+    Attributes
+    ----------
+    link : str
+        Name of the link.
+    shape : {"sphere", "cylinder"}
+        Kind of shape; a cylinder has no ends.
+    radius : float
+        Radius [m].
+    point : tuple of float
+        The center (3,), or a point of the axis, in the frame of the link [m].
+    axis : tuple of float
+        Axis (3,) of a cylinder there, of any length.
+    side : tuple of float or None
+        A point (3,) in the frame of the link [m].  Outside of the shape, the tendon runs round on its side; within, the
+        tendon runs through the shape as through a ring.  None: the tendon takes the shorter way.
+    """
+
+    link: str
+    shape: WrapShape
+    radius: float = field(metadata=allowed("> 0", "m"))
+    point: Vector = (0.0, 0.0, 0.0)
+    axis: Vector = (0.0, 0.0, 1.0)
+    side: Vector | None = None
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        what = f"wrap on link {self.link!r}"
+        vectors = {"point": self.point, "axis": self.axis} | ({} if self.side is None else {"side": self.side})
+        check(
+            name_flaws("link", self.link),
+            choice_flaws(what, "shape", self.shape, get_args(WrapShape)),
+            number_flaws(what, "radius", self.radius, "> 0", "m", "correct it"),
+            *(vector_flaws(what, name, value, 3) for name, value in vectors.items()),
+        )
+        freeze(self, *vectors)
+        if not math.hypot(*self.axis) > 0.0:
+            raise ValueError(f"{what}: axis {self.axis!r} has no length; give a direction such as (0, 0, 1)")
+
+
+@dataclass(frozen=True)
 class Tendon:
     """A tendon, whose length depends on several joints, with a spring, a damper, limits and a drive along it.
 
@@ -59,8 +116,8 @@ class Tendon:
         Name, unique among the tendons of a robot.
     joints : tuple of (str, float)
         Joints and their coefficients [-, or m/rad where the length is one], of a fixed tendon.
-    path : tuple of Via
-        Points in their order, of a spatial tendon.
+    path : tuple of Via or Wrap
+        Points in their order, of a spatial tendon, and between two of them shapes around which it runs.
     stiffness : float
         Stiffness K of the spring: f = K (rest - length) [N/m, or N m/rad where the length is an angle].
     damping : float
@@ -83,7 +140,7 @@ class Tendon:
 
     name: str
     joints: tuple[Moment, ...] = ()
-    path: tuple[Via, ...] = ()
+    path: tuple[Via | Wrap, ...] = ()
     stiffness: float = quantity(">= 0", "N/m or N m/rad", 0.0, "0 is no spring")
     damping: float = quantity(">= 0", "N s/m or N m s/rad", 0.0, "0 is no damper")
     rest: float | tuple[float, float] = (0.0, 0.0)
@@ -129,9 +186,11 @@ class Tendon:
             which = "both joints and a path" if self.path else "neither joints nor a path"
             yield f"{what}: has {which}; give one of them, joints=[('elbow', 0.02)] or path=[Via(...)]"
         yield from self._joint_flaws(what)
-        if self.path and not all(isinstance(one, Via) for one in self.path):
+        if self.path and not all(isinstance(one, Via | Wrap) for one in self.path):
             yield f"{what}: path is {shown(self.path)}; expected points: give a list of Via"
-        elif self.path and not any(one.share > 0 for one in self.path[1:]):
+        elif any(isinstance(one, Wrap) and not self._joins(k) for k, one in enumerate(self.path)):
+            yield f"{what}: a Wrap of path stands between no two points; put it between two Via that have a distance"
+        elif self.path and not any(isinstance(one, Via) and one.share > 0 for one in self.path[1:]):
             yield f"{what}: path has no length; give two points or more, with a share above 0 of the second"
         yield from quantity_flaws(what, self)
         unfit = list(vector_flaws(what, "rest", self.rest, 2))  # type: ignore[arg-type]
@@ -153,6 +212,11 @@ class Tendon:
             yield f"{what}: its controller has the law {law.law!r}; expected one of {quoted(TORQUE_LAWS)}: use one"
         elif law.wrap:
             yield f"{what}: its controller has wrap=True, and a length is no angle that turns: leave wrap out"
+
+    def _joins(self, k: int) -> bool:
+        """Return whether the element before and the one after are points with a distance that counts."""
+        around = (self.path[k - 1], self.path[k + 1]) if 0 < k < len(self.path) - 1 else ()
+        return len(around) == 2 and all(isinstance(one, Via) for one in around) and around[1].share > 0  # type: ignore[union-attr]
 
     def _joint_flaws(self, what: str) -> Iterator[str]:
         for one in self.joints:

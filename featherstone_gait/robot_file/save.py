@@ -166,7 +166,8 @@ def _toml_text(model: Model) -> str:
         lines += ["", "[[loops]]", *_assignments(asdict(loop))]
     for tendon in model.tendons:
         stated = _stated(tendon)
-        points = {"path": tuple(asdict(via) for via in tendon.path)} if tendon.path else {}
+        each = ({name: x for name, x in asdict(one).items() if x is not None} for one in tendon.path)
+        points = {"path": tuple(each)} if tendon.path else {}
         law = {} if tendon.controller is None else {"controller": _stated(tendon.controller)}
         lines += ["", "[[tendons]]", *_assignments(stated | points | law)]
     for shape in model.immersed:

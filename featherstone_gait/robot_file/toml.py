@@ -15,7 +15,7 @@ from typing import Any
 
 from ..base.arguments import is_real, shown
 from ..base.flaws import Flaw, FlawError, quoted
-from ..model import Controller, Via
+from ..model import Controller, Via, Wrap
 from ..model.checks import check, field_flaws
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from .source import read_bytes
@@ -160,13 +160,14 @@ def moments(table: Mapping[str, Any], key: str, what: str) -> tuple[tuple[str, f
         return tuple((name, real(x, f"{what}: {key}: {name!r}")) for name, x in rows or ())
 
 
-def path(table: Mapping[str, Any], key: str, what: str) -> tuple[Via, ...]:
+def path(table: Mapping[str, Any], key: str, what: str) -> tuple[Via | Wrap, ...]:
     """Return the points under a key; raise ValueError for anything else."""
     rows = table.get(key)
     with at(table, key):
         if not isinstance(rows, list) or not all(isinstance(one, dict) for one in rows):
             raise ValueError(f'{what}: {key} is {shown(rows)}; expected points: write [{{link = "hand"}}, ...]')
-    return tuple(record(Via, one, f"{what}: {key}[{k}]") for k, one in enumerate(rows))
+    kinds = (Wrap if "shape" in one or "radius" in one else Via for one in rows)
+    return tuple(record(kind, one, f"{what}: {key}[{k}]") for k, (kind, one) in enumerate(zip(kinds, rows)))
 
 
 def controller(table: Mapping[str, Any], key: str, what: str) -> Controller:
@@ -256,7 +257,9 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "LoopKind": string,
     "str | None": string,
     "tuple[Moment, ...]": moments,
-    "tuple[Via, ...]": path,
+    "tuple[Via | Wrap, ...]": path,
+    "WrapShape": string,
+    "Vector | None": vector,
     "Controller | None": controller,
     "Law": string,
     "float | tuple[float, float]": span,

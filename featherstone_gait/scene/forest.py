@@ -20,7 +20,7 @@ from ..core.effects.friction import FRICTION
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
 from ..core.effects.joint_spring import JOINT_SPRING, STIFFENING
 from ..core.effects.stop import STOP
-from ..core.effects.tendon import DRIVE, Tendons
+from ..core.effects.tendon import BEND, DRIVE, Tendons
 from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.step.context import Scene
 from ..core.step.state import IN_STATE
@@ -398,14 +398,17 @@ def _on_bodies(tables: Sequence[Any], moved: Sequence[Shift], rows: Iterable[str
 
 def _tendons(members: Sequence[Member], tree: Tree, moved: Sequence[Shift]) -> Tendons | None:
     """Return the tendons of all members."""
-    tables, parts, first = [], [], 0
+    tables, parts, wraps, first, bends = [], [], [], 0, 0
     found = [one.scene.constants.tendons for one in members]
     for own, at in zip(found, moved):
         if own is not None:
             table, pieces = own.table.copy(), own.parts.copy()
             table.row, table.column = at.workspace(table.row), tree.columns + at.tendon + np.arange(len(table))
             table.first, table.end = table.first + first, table.end + first
-            pieces.body, pieces.dof = pieces.body + at.body, pieces.dof + at.joint
+            pieces.body, pieces.dof = pieces.body + at.body, pieces.dof + np.where(pieces.kind == BEND, bends, at.joint)
+            if own.wraps is not None:
+                wraps.append(own.wraps)
+                bends += len(own.wraps)
             tables.append(table)
             parts.append(pieces)
             first += len(pieces)
@@ -416,7 +419,7 @@ def _tendons(members: Sequence[Member], tree: Tree, moved: Sequence[Shift]) -> T
     drives = _stacked([one and one.drives for one in found], counts, DRIVE, input=-1)
     if drives is not None:
         number_drives(drives, drives.input >= 0, tree.n)
-    return Tendons(_concatenated(tables), _concatenated(parts), stops, drives)
+    return Tendons(_concatenated(tables), _concatenated(parts), stops, drives, _concatenated(wraps) if wraps else None)
 
 
 def _firmware(members: Sequence[Member], counts: Sequence[int]) -> Firmware:

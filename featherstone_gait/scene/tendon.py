@@ -14,13 +14,13 @@ import numpy as np
 
 from ..base.fixed_order import applied
 from ..core.effects.stop import STOP
-from ..core.effects.tendon import BEGIN, DRIVE, JOINT, PART, POINT, TENDON, TURN, Tendons
+from ..core.effects.tendon import BEGIN, BEND, DRIVE, JOINT, PART, POINT, TENDON, TURN, Tendons
 from ..core.integrate.integrator import Integrator
-from ..model import Model, Tendon
+from ..model import Model, Tendon, Wrap
 from .actuator import pd_laws
 from .records import records
 from .stop import NO_LIMIT, fill_stop, load_of
-from .tree import Tree
+from .tree import Tree, wrap_record
 
 
 def with_rows(tree: Tree, tendons: Sequence[Tendon]) -> Tree:
@@ -35,6 +35,7 @@ def build_tendons(model: Model, tree: Tree, tendons: Sequence[Tendon]) -> Tendon
     parts: list[np.ndarray] = []
     table = records(len(tendons), TENDON)
     body = {int(dof): row for row, dof in enumerate(tree.bodies.dof) if row}
+    wraps: list[np.recarray] = []
     for k, (row, tendon) in enumerate(zip(table, tendons)):
         row.row, row.column, row.first = tree.rows - len(tendons) + k, tree.columns + k, len(parts)
         row.stiffness, row.damping, (row.lower, row.upper) = tendon.stiffness, tendon.damping, tendon.slack
@@ -49,11 +50,16 @@ def build_tendons(model: Model, tree: Tree, tendons: Sequence[Tendon]) -> Tendon
                 parts.append(_part(JOINT, body[dof], c, dof, (0.0, 0.0, 0.0)))
         for j, via in enumerate(tendon.path):
             place = tree.placements[via.link]
+            if isinstance(via, Wrap):
+                parts.append(_part(BEND, place.row, 0.0, len(wraps), place.r + applied(place.E, np.array(via.point))))
+                wraps.append(wrap_record(via, place.E))
+                continue
             kind = POINT if j and via.share > 0 else BEGIN
             parts.append(_part(kind, place.row, via.share, 0, place.r + applied(place.E, np.array(via.point))))
         row.end = len(parts)
     drives = build_drives(tendons, len(model.moving_joints))
-    return Tendons(table, np.concatenate(parts or [records(0, PART)]).view(np.recarray), None, drives)
+    around = np.concatenate(wraps).view(np.recarray) if wraps else None
+    return Tendons(table, np.concatenate(parts or [records(0, PART)]).view(np.recarray), None, drives, around)
 
 
 def build_drives(tendons: Sequence[Tendon], joints: int) -> np.recarray | None:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from ..base.fixed_order import applied, product
+from ..base.rotation import dot, rotation_z_to
 from ..core.tree.coupling import COUPLING
 from ..core.tree.layout import BALL, BALL_AXIS, BODY, COLUMNS, PRISMATIC, REVOLUTE, SCREW
-from ..model import Model, Placement, RigidBody, rigid_bodies
+from ..core.tree.wrap import INSIDE, OUTSIDE, WRAP
+from ..model import Model, Placement, RigidBody, Wrap, rigid_bodies
 from .records import fill, records
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
@@ -88,6 +92,18 @@ def _compiled(model: Model) -> Tree:
     rows += 0 if coupling is None else len(coupling)
     names = tuple(body.links[0] for body in merged)
     return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows, coupling, balls=balls)
+
+
+def wrap_record(wrap: Wrap, E: np.ndarray) -> np.recarray:
+    """Return the WRAP record of a shape whose link has the rotation E (3, 3) in its body."""
+    row = np.zeros(1, WRAP).view(np.recarray)
+    axis = np.array(wrap.axis)
+    own = rotation_z_to(axis / math.sqrt(dot(axis, axis)))
+    row.cylinder, row.radius, row.E = wrap.shape == "cylinder", wrap.radius, product(E, own).ravel()
+    if wrap.side is not None:
+        row.side = side = applied(own.T, np.array(wrap.side) - wrap.point)
+        row.sided = INSIDE if math.sqrt(dot(side, side)) < wrap.radius else OUTSIDE
+    return row
 
 
 def joint_armature(model: Model) -> np.ndarray | None:

@@ -34,7 +34,7 @@ def of_models(robot: fg.Model) -> Iterator[Any]:
     yield from (servo, servo.gearbox, servo.controller, fg.Supply(11.1, 0.1), fg.Mimic("knee"), field)
     yield from (fg.Ground(field=field), fg.Ground(steps=tuple((0.1 * k, 0.01) for k in range(1, 60))))
     yield fg.Loop("pin", "connect", "trunk", "left_foot", (0.1, 0.0, 0.0))
-    yield fg.Via("trunk")
+    yield from (fg.Via("trunk"), fg.Wrap("trunk", "sphere", 0.1))
     yield fg.Tendon("strap", (), [fg.Via("trunk"), fg.Via("left_foot")] * 300, stiffness=100.0)
     yield from (fg.Fluid(), fg.Propeller("knee", 1e-5), fg.Immersed("trunk", fg.Sphere(0.1), drag=(1.0, 2.0, 3.0)))
     yield fg.RangeSensor.fan("trunk", 1.0, 300)

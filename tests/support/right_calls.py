@@ -127,6 +127,7 @@ def _parts() -> Iterator[Call]:
         fg.Loop("pin", "hinge", "a", "b", (0.1, 0.0, 0.0), axis=(0.0, 1.0, 0.0)),
         fg.Loop("rod", "distance", "a", distance=0.1),
         fg.Via("a", (0.1, 0.0, 0.0)),
+        fg.Wrap("a", "cylinder", 0.1, (0.1, 0.0, 0.0), (0.0, 0.0, 1.0), (0.2, 0.0, 0.0)),
         fg.Tendon("strap", (), (fg.Via("a"), fg.Via("b")), 1.0),
         fg.Tendon("tendon", (("one", 1.0),), rest=(0.0, 0.1), lower=-1.0, upper=1.0),
         fg.Fluid(level=0.5),

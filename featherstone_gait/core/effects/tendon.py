@@ -23,10 +23,25 @@ from ..compile.structure import record, structure
 from ..tree.aba import root_inertia
 from ..tree.coupling import push_torque
 from ..tree.forest import base_of, rows_of, tendons_of
-from ..tree.layout import U, V
+from ..tree.layout import R, U, V
 from ..tree.rank_one import FREE, answer, bind, clear, push_force, release
 from ..tree.rigid_body import point_position
-from ..tree.spatial import add, cross, dot, load3, scale, store3, sub, vector
+from ..tree.spatial import (
+    add,
+    choose,
+    compose,
+    cross,
+    dot,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale,
+    store3,
+    sub,
+    vector,
+)
+from ..tree.wrap import own_frame, way_around
 from .ball_spring import rotation_vector
 from .contact import FLOOR, shifted
 from .pd_servo import PD, pd_branch, pd_torque
@@ -53,11 +68,12 @@ DRIVE = record(
 PART = record(
     kind=int,  # JOINT ...
     body=int,  # row of the body
-    dof=int,  # index of a joint's coordinate, of a ball joint's first
+    dof=int,  # index of a joint's coordinate, of a ball joint's first; of a WRAP
     coefficient=float,  # of a joint [m/rad or -], or of the distance from the point before [-]
     point=(float, 3),  # body frame [m]
 )
-JOINT, BEGIN, POINT, TURN = range(4)  # a path begins with a point that has no distance; TURN: of a ball joint
+# A path begins with a point that has no distance.  TURN: of a ball joint; BEND: a shape between two points.
+JOINT, BEGIN, POINT, TURN, BEND = range(5)
 
 # Columns of a tendon's row in the workspace.
 LB = FREE  # length from which it moves on with the speed [m or rad]
@@ -79,6 +95,7 @@ class Tendons(NamedTuple):
     parts: np.ndarray  # (parts,) PART
     stops: np.ndarray | None  # (tendons,) STOP; None where no tendon has limits
     drives: np.ndarray | None = None  # (tendons,) DRIVE; None where no tendon has a drive
+    wraps: np.ndarray | None = None  # (shapes,) WRAP; None where no tendon runs around any
 
 
 # ---------------------------------------------------------------------------------------------- the length
@@ -98,12 +115,64 @@ def _apart(a, b, W):
 
 
 @inline
-def _opening(a, b, column, W):
-    """Return the distance of two points, and its rate by the motion of bodies that stands in six columns of W."""
+def _moved(body, x, column, W):
+    """Return the velocity of a point x of a body by the motion of bodies that stands in six columns of W."""
+    return add(load3(W, body, column + 3), cross(load3(W, body, column), x))
+
+
+@inline
+def _opening(wraps, parts, k, column, W):
+    """Return the distance of a point from the one before, and its rate by the motion that stands in columns of W."""
+    if wraps is None:
+        return _straight_opening(parts, k, column, W)
+    return _bent_opening(wraps, parts, k, column, W)
+
+
+@inline
+def _straight_opening(parts, k, column, W):
+    a, b = parts[k - 1], parts[k]
     x, y, length, e = _apart(a, b, W)
-    v = add(load3(W, a.body, column + 3), cross(load3(W, a.body, column), x))
-    w = add(load3(W, b.body, column + 3), cross(load3(W, b.body, column), y))
-    return length, dot(e, sub(w, v))
+    return length, dot(e, sub(_moved(b.body, y, column, W), _moved(a.body, x, column, W)))
+
+
+@kernel
+def _bent_opening(wraps, parts, k, column, W):
+    if parts[k - 1].kind != BEND:
+        return _straight_opening(parts, k, column, W)
+    x, u, v, y, e, f, length, turns = _way(wraps, parts, k, W)
+    rate = dot(f, _moved(parts[k].body, y, column, W)) - dot(e, _moved(parts[k - 2].body, x, column, W))
+    body = parts[k - 1].body
+    around = dot(e, _moved(body, u, column, W)) - dot(f, _moved(body, v, column, W))
+    return length, rate + turns * around
+
+
+@inline
+def _direction(x, y):
+    """Return the distance of two points and the direction from one to the other, 0 where they meet."""
+    d = sub(y, x)
+    length = sqrt(dot(d, d))
+    apart = length > 0.0
+    return length, scale(d, select(apart, 1.0 / select(apart, length, 1.0 + 0.0 * length), 0.0 * length))
+
+
+@kernel
+def _way(wraps, parts, k, W):
+    """Return the points of the way around a shape to the point k, its directions at both ends, and its length.
+
+    Last is 1 if it turns, else 0: then it is straight, and the points between mean nothing.
+    """
+    bend = parts[k - 1]
+    wrap = wraps[bend.dof]
+    x = point_position(parts[k - 2].body, vector(parts[k - 2].point), W)
+    y = point_position(parts[k].body, vector(parts[k].point), W)
+    c, E = point_position(bend.body, vector(bend.point), W), compose(load9(W, bend.body, R), own_frame(wrap))
+    turns, u, v, arc = way_around(wrap, rotate_back(E, sub(x, c)), rotate_back(E, sub(y, c)))
+    u, v = add(c, rotate(E, u)), add(c, rotate(E, v))
+    straight, g = _direction(x, y)
+    first, e = _direction(x, u)
+    last, f = _direction(v, y)
+    one = select(turns, 1.0 + 0.0 * arc, 0.0 * arc)
+    return x, u, v, y, choose(turns, e, g), choose(turns, f, g), select(turns, first + arc + last, straight), one
 
 
 @inline
@@ -150,7 +219,7 @@ def _place(ball_q, tendons, step, q, v, ahead):
                 length = length + p.coefficient * (turned - ahead * rate)
                 speed = speed + p.coefficient * rate
             elif p.kind == POINT:
-                distance, rate = _opening(tendons.parts[k - 1], p, V, W)
+                distance, rate = _opening(tendons.wraps, tendons.parts, k, V, W)
                 length = length + p.coefficient * (distance - ahead * rate)
                 speed = speed + p.coefficient * rate
         W[t.row, LB], W[t.row, U0], W[t.row, UK] = length, speed, speed
@@ -170,12 +239,39 @@ def _respond(tendons, t, inertia, step):
             for j in range(3):
                 push_torque(tree, root, b.body + j, b.coefficient * W[t.row, AXIS + j], t.column, t.row, W)
         elif b.kind == POINT:
-            a = tendons.parts[k - 1]
-            x, y, _, e = _apart(a, b, W)
-            f = scale(e, b.coefficient)
-            push_force(tree, root, b.body, cross(y, f), f, t.row, t.column, W)
-            push_force(tree, root, a.body, scale(cross(x, f), -1.0), scale(f, -1.0), t.row, t.column, W)
+            _pull(tendons.wraps, tendons.parts, k, tree, root, t, W)
     answer(inertia, step.scene.coupling, part, tree, t.row, t.column, W)
+
+
+@inline
+def _pull(wraps, parts, k, tree, root, t, W):
+    """Add what a unit force along the way to the point k leaves."""
+    if wraps is None:
+        _pull_straight(parts, k, tree, root, t, W)
+    else:
+        _pull_bent(wraps, parts, k, tree, root, t, W)
+
+
+@inline
+def _pull_straight(parts, k, tree, root, t, W):
+    a, b = parts[k - 1], parts[k]
+    x, y, _, e = _apart(a, b, W)
+    f = scale(e, b.coefficient)
+    push_force(tree, root, b.body, cross(y, f), f, t.row, t.column, W)
+    push_force(tree, root, a.body, scale(cross(x, f), -1.0), scale(f, -1.0), t.row, t.column, W)
+
+
+@kernel
+def _pull_bent(wraps, parts, k, tree, root, t, W):
+    if parts[k - 1].kind != BEND:
+        _pull_straight(parts, k, tree, root, t, W)
+        return
+    x, u, v, y, e, f, _, turns = _way(wraps, parts, k, W)
+    e, f = scale(e, parts[k].coefficient), scale(f, parts[k].coefficient)
+    push_force(tree, root, parts[k].body, cross(y, f), f, t.row, t.column, W)
+    push_force(tree, root, parts[k - 2].body, scale(cross(x, e), -1.0), scale(e, -1.0), t.row, t.column, W)
+    m, d = scale(sub(cross(u, e), cross(v, f)), turns), scale(sub(e, f), turns)
+    push_force(tree, root, parts[k - 1].body, m, d, t.row, t.column, W)
 
 
 # ---------------------------------------------------------------------------------------------- the force
@@ -293,7 +389,7 @@ def _solved(tendons, step, accelerations):
             elif p.kind == TURN:
                 rate = rate + p.coefficient * _about(W, t.row, p.dof, accelerations)
             elif p.kind == POINT:
-                _, along = _opening(tendons.parts[k - 1], p, U, W)
+                _, along = _opening(tendons.wraps, tendons.parts, k, U, W)
                 rate = rate + p.coefficient * along
         W[t.row, UN] = W[t.row, U0] + step.h_implicit * rate
         W[t.row, TL] = W[t.row, T0] - W[t.row, CT] * W[t.row, UN]

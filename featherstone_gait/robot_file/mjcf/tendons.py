@@ -10,15 +10,17 @@ from typing import Any
 import numpy as np
 
 from ...base.flaws import quoted
-from ...model import Controller, Model, Tendon, Via
+from ...base.rotation import rotation_from_quaternion, rotation_from_rpy
+from ...model import Controller, Model, Tendon, Via, Wrap
 from ..markup import element
 from .actuators import TENDON as TENDON_TRANSMISSION
 from .actuators import turned
 from .equalities import NO_CONSTRAINTS, Tie, ties, title
-from .loops import SITE_WRAP, at_site, placed
-from .tree import NO_DAMPERS, NO_LIMITS, NO_SPRINGS, NO_STOP, Tree, actuator_count, unused
+from .loops import SITE_WRAP, End, at_site, placed
+from .tree import NO_DAMPERS, NO_LIMITS, NO_SPRINGS, NO_STOP, Tree, actuator_count, unused, vector
 
-JOINT_WRAP, PULLEY_WRAP = 1, 2  # mjtWrap
+JOINT_WRAP, PULLEY_WRAP, SPHERE_WRAP, CYLINDER_WRAP = 1, 2, 4, 5  # mjtWrap
+AROUND = {SPHERE_WRAP: "sphere", CYLINDER_WRAP: "cylinder"}
 LEFT = ("frictionloss", "armature")  # what tendons have that has no like here
 
 
@@ -86,6 +88,8 @@ def bodies_of(m: Any, t: int) -> list[int]:
             found.append(int(m.jnt_bodyid[k]))
         elif m.wrap_type[w] == SITE_WRAP:
             found.append(int(m.site_bodyid[k]))
+        elif m.wrap_type[w] in AROUND:
+            found.append(int(m.geom_bodyid[k]))
     return [b for b in found if m.body_weldid[b]]
 
 
@@ -95,20 +99,41 @@ def _own(m: Any, tree: Tree, t: int) -> bool:
 
 def why_not(m: Any, tree: Tree, t: int) -> str | None:
     """Return why a tendon is left out, None if it is not."""
-    if any(m.wrap_type[w] not in (JOINT_WRAP, PULLEY_WRAP, SITE_WRAP) for w in _wraps(m, t)):
-        return "which wrap around geoms"
+    around = [w for w in _wraps(m, t) if m.wrap_type[w] in AROUND]
+    sides = [(int(m.geom_bodyid[m.wrap_objid[w]]), _side(m, w)) for w in around]
+    if any(side is not None and m.site_bodyid[side] != body for body, side in sides):
+        return "which wrap around geoms with a sidesite on another body"
     if all(m.wrap_type[w] == JOINT_WRAP and m.wrap_prm[w] == 0 for w in _wraps(m, t)):
         return "whose coefficients are all 0"
     if not all(tree.holds(m, b) for b in bodies_of(m, t)):
         return "which tie the robot to another one"
     sites = [int(m.wrap_objid[w]) for w in _wraps(m, t) if m.wrap_type[w] == SITE_WRAP]
-    if any(placed(m, tree, at_site(m, s), 0)[0] is None for s in sites):
+    ends = [at_site(m, s) for s in sites] + [_at_geom(m, int(m.wrap_objid[w])) for w in around]
+    if any(placed(m, tree, end, 0)[0] is None for end in ends):
         return "which tie a floating base to the world"
     return None
 
 
+def _side(m: Any, w: int) -> int | None:
+    """Return the site on whose side a tendon runs around a geom."""
+    return int(m.wrap_prm[w]) if m.wrap_prm[w] >= 0 else None
+
+
+def _at_geom(m: Any, g: int) -> End:
+    return End(int(m.geom_bodyid[g]), rotation_from_quaternion(m.geom_quat[g]), m.geom_pos[g])
+
+
+def _wrap(m: Any, tree: Tree, w: int, top: int) -> Wrap:
+    g, side = int(m.wrap_objid[w]), _side(m, w)
+    link, rpy, point = placed(m, tree, _at_geom(m, g), top)
+    assert link is not None  # else the tendon is left out
+    axis = vector(rotation_from_rpy(rpy)[:, 2])
+    at = None if side is None else placed(m, tree, at_site(m, side), top)[2]
+    return Wrap(link, AROUND[int(m.wrap_type[w])], float(m.geom_size[g, 0]), point, axis, at)  # type: ignore[arg-type]
+
+
 def _tendon(m: Any, tree: Tree, t: int, name: str, top: int) -> Tendon:
-    (K, C, limited), joints, path, share = _numbers(m, t), [], list[Via](), 0.0
+    (K, C, limited), joints, path, share = _numbers(m, t), [], list[Via | Wrap](), 0.0
     for w in _wraps(m, t):
         k = int(m.wrap_objid[w])
         if m.wrap_type[w] == JOINT_WRAP and m.wrap_prm[w]:
@@ -118,6 +143,8 @@ def _tendon(m: Any, tree: Tree, t: int, name: str, top: int) -> Tendon:
             assert link is not None  # else it is left out
             path.append(Via(link, point, share if path else 1.0))
             share = _share(m, t, w)
+        elif m.wrap_type[w] in AROUND:
+            path.append(_wrap(m, tree, w, top))
         elif m.wrap_type[w] == PULLEY_WRAP:
             share = 0.0
     lower, upper = (float(x) for x in m.tendon_range[t]) if limited else (-math.inf, math.inf)
@@ -177,9 +204,27 @@ def tendon_site_lines(model: Model, link: str) -> list[str]:
     found = []
     for tendon in model.tendons:
         for k, via in enumerate(tendon.path):
-            if via.link == link:
+            if via.link == link and isinstance(via, Wrap):
+                found += _wrap_lines(f"{tendon.name}_{k}", via)
+            elif via.link == link:
                 found += element("site", {"name": f"{tendon.name}_{k}", "pos": via.point})
     return found
+
+
+def _wrap_lines(name: str, wrap: Wrap) -> list[str]:
+    """Write the geom around which a tendon runs, which touches nothing, and the site of its side."""
+    geom = {
+        "name": name,
+        "type": wrap.shape,
+        "size": (wrap.radius, wrap.radius) if wrap.shape == "cylinder" else wrap.radius,
+        "pos": wrap.point,
+        "zaxis": wrap.axis if wrap.shape == "cylinder" else None,
+        "mass": "0",
+        "contype": "0",
+        "conaffinity": "0",
+    }
+    side = [] if wrap.side is None else element("site", {"name": f"{name}_side", "pos": wrap.side})
+    return [*element("geom", geom), *side]
 
 
 def tendon_lines(model: Model) -> list[str]:
@@ -212,17 +257,24 @@ def _rest(tendon: Tendon, offset: float) -> tuple[float, ...]:
 def _path_lines(tendon: Tendon) -> list[str]:
     """Write the sites of a path; a pulley stands before each piece with another share than 1, or after a gap."""
     found: list[str] = []
-    last = 1.0
-    for k, via in enumerate(tendon.path):
-        name = f"{tendon.name}_{k}"
-        if k and via.share and via.share != last:
-            found += element("pulley", {"divisor": 1.0 / via.share})
-            found += element("site", {"site": f"{tendon.name}_{k - 1}"})
-        if not (k and via.share) and k + 1 < len(tendon.path):  # a new piece, of the share that follows
-            last = tendon.path[k + 1].share
-            if k or last != 1.0:
-                found += element("pulley", {"divisor": 1.0 / last}) if last else []
-        elif via.share:
+    path, last = tendon.path, 1.0
+    for k, via in enumerate(path):
+        if isinstance(via, Wrap):
+            continue
+        bend = path[k - 1] if k else None
+        if not (k and via.share):  # a new piece, of the share that follows
+            following = next((one.share for one in path[k + 1 : k + 3] if isinstance(one, Via)), last)
+            if k or following != 1.0:
+                found += element("pulley", {"divisor": 1.0 / following}) if following and k + 1 < len(path) else []
+            last = following
+        else:
+            if via.share != last:
+                before = k - 2 if isinstance(bend, Wrap) else k - 1
+                found += element("pulley", {"divisor": 1.0 / via.share})
+                found += element("site", {"site": f"{tendon.name}_{before}"})
             last = via.share
-        found += element("site", {"site": name})
+            if isinstance(bend, Wrap):
+                side = None if bend.side is None else f"{tendon.name}_{k - 1}_side"
+                found += element("geom", {"geom": f"{tendon.name}_{k - 1}", "sidesite": side})
+        found += element("site", {"site": f"{tendon.name}_{k}"})
     return found
