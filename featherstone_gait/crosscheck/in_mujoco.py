@@ -384,6 +384,7 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     laws = {name: servo.controller.law for name, servo in servos.items()}
     missing = [f"{name}: the torque law {law!r}" for name, law in laws.items() if law in TORQUE_LAWS]
     missing += ["springs between bodies"] * bool(scene.springs)
+    missing += [f"{one.name}: the drive of a tendon" for one in scene.driven_tendons]
     if missing:
         raise ValueError(f"{model.name}: the replay in MuJoCo lacks {missing[0]}; leave it out of the robot to compare")
     return servos

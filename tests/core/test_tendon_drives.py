@@ -10,15 +10,23 @@ from random_tree import random_tree
 
 from featherstone_gait import (
     Controller,
+    Joint,
+    Link,
+    Model,
+    Placed,
     Reference,
+    SceneModel,
     Session,
     Tendon,
     Via,
+    Wrap,
     compile_scene,
     linearize,
     load_robot,
+    load_scene,
     mass_matrix,
     save_robot,
+    save_scene,
     simulate,
     simulate_batch,
     tendon_jacobian,
@@ -233,6 +241,23 @@ def test_eight_at_once_have_the_bits_of_one(integrator):
 def test_a_wrong_controller_is_refused(law, message):
     with pytest.raises(ValueError, match=message):
         Tendon("t", [("j", 1.0)], controller=law)
+
+
+def test_drives_and_wraps_of_a_scene_are_written_and_read(tmp_path):
+    """Names of tendons, of what drives them and of what they run around have that of their robot before them."""
+    pytest.importorskip("mujoco")
+    bob = Link("bob", 0.5, (0.0, 0.0, -0.5), (0.1, 0.0, 0.0, 0.1, 0.0, 0.1))
+    links = Link("base", 0.0, (0.0,) * 3, (0.0,) * 6), bob
+    hinge = Joint("j", "continuous", "base", "bob", axis=(0.0, 1.0, 0.0))
+    drum = Wrap("base", "cylinder", 0.1, (0.2, 0.0, -0.2), (0.0, 1.0, 0.0), (0.6, 0.0, -0.2))
+    path = Via("base", (0.3, 0.0, 0.2)), drum, Via("bob", (0.0, 0.0, -0.5))
+    law = Controller("pd_clamped", 30.0, Kd=1.0, torque_limit=4.0)
+    model = Model("crane", links, (hinge,), tendons=(Tendon("cord", (), path, controller=law),))
+    save_scene(SceneModel("two", (Placed(model, "a"), Placed(model, "b", position=(1.0, 0.0)))), tmp_path / "two.xml")
+    for one in load_scene(tmp_path / "two.xml", strict=True).members:
+        (found,) = one.model.tendons
+        assert (found.controller, [type(part) for part in found.path]) == (law, [Via, Wrap, Via])
+        assert found.path[1].side == drum.side
 
 
 def test_sampled_servos_and_followed_lengths_do_not_mix():

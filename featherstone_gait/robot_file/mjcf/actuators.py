@@ -24,7 +24,7 @@ Source: MuJoCo's XML reference and technical note on its dcmotor.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -92,8 +92,11 @@ class _Row(NamedTuple):
     more: tuple[str, ...]  # what else it has that has no like here
 
 
-def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...], tendons: Collection[int]) -> Actuators:
-    """Read servos, limits and drives from the actuators, and what of them is ignored; tendons: those that are taken."""
+def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...], tendons: Mapping[int, bool]) -> Actuators:
+    """Read servos, limits and drives from the actuators, and what of them is ignored.
+
+    tendons: of the tree, and whether they are taken.
+    """
     by_name = {joint.name: joint for joint in joints}
     servos: dict[str, Servo] = {}
     drives: dict[int, Controller] = {}
@@ -105,7 +108,10 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...], tendons: Colle
             continue  # of another tree
         name = tree.joint_names[joint] if gear and m.jnt_type[joint] != BALL else ""
         tendon = int(m.actuator_trnid[k, 0])
-        if m.actuator_trntype[k] == TENDON and tendon in tendons and joint < 0:
+        on_tendon = m.actuator_trntype[k] == TENDON and joint < 0
+        if on_tendon and tendon not in tendons:
+            continue  # of another tree
+        if on_tendon and tendons[tendon]:
             row = _row(m, k, float(m.actuator_gear[k, 0]))
             drive, reasons = _tendon_drive(row)
             if drive is not None and drives.setdefault(tendon, drive) is not drive:

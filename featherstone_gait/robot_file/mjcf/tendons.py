@@ -24,9 +24,9 @@ AROUND = {SPHERE_WRAP: "sphere", CYLINDER_WRAP: "cylinder"}
 LEFT = ("frictionloss", "armature")  # what tendons have that has no like here
 
 
-def taken(m: Any, tree: Tree) -> set[int]:
-    """Return the tendons of a tree that are not left out."""
-    return {t for t in range(m.ntendon) if why_not(m, tree, t) is None and _own(m, tree, t)}
+def taken(m: Any, tree: Tree) -> dict[int, bool]:
+    """Return the tendons of a tree, and whether they are taken or left out."""
+    return {t: why_not(m, tree, t) is None for t in range(m.ntendon) if _own(m, tree, t)}
 
 
 def acts(m: Any, t: int) -> bool:
@@ -49,8 +49,8 @@ def read_tendons(m: Any, tree: Tree, drives: Mapping[int, Controller], top: int 
     drives: by tendon; top: body whose place counts as that of a fixed root.
     """
     found, names, used = [], tendon_names(m), driven(m)
-    for t in sorted(taken(m, tree)):
-        if acts(m, t) or t in used:
+    for t, whole in taken(m, tree).items():
+        if whole and (acts(m, t) or t in used):
             found.append(replace(_tendon(m, tree, t, names[t], top), controller=drives.get(t)))
     for k, tie in _own_ties(m, tree).items():
         joints = tuple((tree.joint_names[j], c) for j, c in tie.terms.items())

@@ -33,7 +33,7 @@ from .write_geoms import field_lines, floor_lines, pair_lines
 # Attributes with a name of the model's:
 REFERENCES = (
     "name", "joint", "joint1", "joint2", "mesh", "hfield", "geom1", "geom2", "body1", "body2", "site", "site1", "site2",
-    "tendon1",
+    "tendon", "tendon1", "geom", "sidesite",
 )  # fmt: skip
 SECTIONS = ("asset", "worldbody", "tendon", "equality", "contact", "actuator")
 BITS = {True: ("3", "2"), False: ("2", "2")}  # contype and conaffinity of shapes that touch the ground and do not
