@@ -40,6 +40,7 @@ LEAST_GAIN = 1e-4  # of what a step promises
 ROUNDING = 1e-15  # of the squared error: a step that promises less gains nothing
 LARGEST_TURN = 1.0  # of a joint or the base in one step [rad]
 NUDGE = 0.01  # [rad or m] off a posture that has settled: a stretched arm sees no way inwards
+CLOSED = 1e-9  # gap of loops that counts as none [m or rad]
 ORTHOGONAL = 1e-6  # how far a rotation matrix may be from one
 
 
@@ -214,7 +215,8 @@ def close_loops(
     hold_base : bool, optional
         Whether a floating base stays where it is.
     tolerance : float, optional
-        Root of the sum of squares of all gaps at which the loops are closed [m and rad].
+        Root of the sum of squares of all gaps at which the search ends [m and rad]; where it comes no nearer, since
+        digits of a file let the axes of a linkage differ, 1e-9 is enough.
     max_iterations : int, optional
         Limit of iterations.
 
@@ -243,7 +245,7 @@ def close_loops(
         gap = math.sqrt(total(gaps[first : first + loop.rows] ** 2))
         gap = 2.0 if is_flipped(model, poses, loop) else gap
         worst, first = max(worst, (loop.name, gap), key=lambda pair: pair[1]), first + loop.rows
-    if found.error < tolerance and worst[1] < 2.0:
+    if found.error < max(tolerance, CLOSED) and worst[1] < 2.0:
         return found.q
     raise ValueError(
         f"{model.name}: loops do not close near this posture; the gap of loop {worst[0]!r} stays at {worst[1]:.6g} "
