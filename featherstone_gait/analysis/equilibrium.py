@@ -46,7 +46,7 @@ from ..model.rest_posture import nearest_posture
 from ..run.overlap import overlaps
 from ..run.reference import Reference
 from ..run.simulate import simulate
-from ..run.start import check_no_balls, check_scene, initial_state, placed_position
+from ..run.start import check_scene, initial_state, placed_position, positions_in
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body, ground_under
 from ..scene.forest import state_index
@@ -165,12 +165,11 @@ def trim(
     >>> run = simulate(scene, 1.0, found.state, Reference([0.0], found.reference[None]))
     """
     check_scene(scene)
-    check_no_balls(scene, "trim")
     if scene.members:
         return _of_members(scene, q, contacts)
     model = scene.model
     given = close_loops(model, nearest_posture(model)) if q is None else vector("q", q, model.nq)
-    at = initial_state(scene, given)[_places(scene)]  # checked, its quaternion of length 1
+    at = positions_in(scene, initial_state(scene, given))  # checked, its quaternions of length 1
     if model.base != "floating" or any(loop.b is None for loop in model.loops):
         return _held(scene, at, np.zeros((len(model.contacts) if scene.ground else 0, 3)), None)
     if scene.ground is None:
@@ -195,7 +194,8 @@ def _of_members(scene: CompiledScene, q: Any, contacts: Iterable[str] | None) ->
         at = given.get(member.name)
         if at is None:
             at = placed_position(member)
-            at[len(at) - member.scene.tree.n :] = nearest_posture(member.model)[len(at) - member.scene.tree.n :]
+            first = member.model.base_positions
+            at[first:] = nearest_posture(member.model)[first:]
         head = f"{member.name}/"
         own = None if links is None else [name.removeprefix(head) for name in links if name.startswith(head)]
         found.append(trim(member.scene, at, own or None))
@@ -204,7 +204,10 @@ def _of_members(scene: CompiledScene, q: Any, contacts: Iterable[str] | None) ->
     faults = ((t.status, f"{member.name}: {t.message}") for member, t in zip(scene.members, found) if not t.ok)
     status, message = next(faults, OK)
     driven = scene.constants.actuator is not None
-    held = [t.q[len(t.q) - len(t.torque) :] if t.reference is None else t.reference for t in found]
+    held = [
+        member.model.single_positions(t.q) if t.reference is None else t.reference
+        for member, t in zip(scene.members, found)
+    ]
     outside = [np.zeros(len(t.torque)) if t.tau is None else t.tau for t in found]
     return Trim(
         q=np.concatenate([t.q for t in found]),
@@ -229,11 +232,6 @@ def _check_apart(scene: CompiledScene, state: np.ndarray) -> None:
             f"{scene.model.name}: trim knows no forces between bodies, and {one!r} touches {two!r} there; let them "
             "come to rest instead: run = simulate(scene, 2.0), and take run.final"
         )
-
-
-def _places(scene: CompiledScene) -> np.ndarray:
-    """Return the indices of q in the state."""
-    return np.r_[slice(*scene.part("base_q")), slice(*scene.part("q"))]
 
 
 def _used(scene: CompiledScene, contacts: Iterable[str] | None) -> np.ndarray:
@@ -383,10 +381,11 @@ def _nudged(
 
 def _posed(scene: CompiledScene, chart: Chart, q: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return postures (k, nq) with the base moved by x (6, k)."""
-    y = np.zeros(scene.layout["length"])
-    places = _places(scene)
-    y[places] = q
-    return chart.moved(y, x)[places].T.copy()
+    y, base = np.zeros(scene.layout["length"]), slice(*scene.part("base_q"))
+    y[base] = q[:7]
+    moved = np.tile(q, (x.shape[1], 1))
+    moved[:, :7] = chart.moved(y, x)[base].T
+    return moved
 
 
 def _least(columns: np.ndarray, force: np.ndarray, zero: np.ndarray) -> np.ndarray:
@@ -441,7 +440,7 @@ def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) 
     residual = forward_dynamics(model, q, np.zeros(model.nv), pulls, gravity=scene.gravity)
     state, torque = initial_state(scene, q, allow_limit_violation=True), torque[model.nv - n :]
     _put_contacts(scene, state, force)
-    reference, weak = _put_servos(scene, state, q[len(q) - n :], torque)
+    reference, weak = _put_servos(scene, state, model.single_positions(q), torque)
     tau = torque if reference is None else None
     change = _change(scene, state, reference, tau)
     fault = fault or weak

@@ -22,7 +22,6 @@ from featherstone_gait import (
     save_robot,
     simulate,
     to_engine,
-    trim,
 )
 from featherstone_gait.dynamics import (
     center_of_mass,
@@ -363,8 +362,6 @@ def test_a_session_reads_and_sets_quaternions():
 def test_what_knows_no_ball_joints_says_so():
     with pytest.raises(ValueError, match="servos that walk turn single axes, and tip are ball joints"):
         standing(top())
-    with pytest.raises(ValueError, match="trim knows no ball joints, here tip"):
-        trim(compile_scene(top()))
     with pytest.raises(ValueError, match="q has quaternions of ball joints"):
         linearize(compile_scene(top()), outputs=("q",))
 

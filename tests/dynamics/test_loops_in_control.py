@@ -41,7 +41,8 @@ from featherstone_gait import (
     simulate,
     trim,
 )
-from featherstone_gait.base.rotation import rpy_from_rotation
+from featherstone_gait.base.rotation import rotation_from_quaternion, rpy_from_rotation
+from featherstone_gait.robot_file.servos import with_servo
 
 G = 9.81  # [m/s^2]
 
@@ -187,3 +188,41 @@ def test_a_robot_hangs_from_the_world_by_its_feet():
     assert found.ok, found.message
     assert found.residual < 1e-10
     assert 0.0 < np.abs(found.torque).max() < 0.5
+
+
+def test_a_ball_joint_is_held_by_the_moment_of_the_weight_in_its_axes():
+    bob = Link("bob", 2.0, (0.3, 0.1, -0.2), (0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
+    hung = Model("hung", (Link("wall"), bob), (Joint("ball", "ball", "wall", "bob"),))
+    q = np.array([0.5, 0.5, -0.5, 0.5])
+    found = trim(compile_scene(hung, integrator="rk4", timestep=1e-3), q)
+    assert found.ok, found.message
+    R = rotation_from_quaternion(q)
+    moment = np.cross([0.3, 0.1, -0.2], R.T @ [0.0, 0.0, 2.0 * G])
+    np.testing.assert_allclose(found.torque, moment, rtol=1e-12, atol=1e-12)
+
+
+def test_a_servo_holds_a_linkage_whose_rod_turns_on_ball_joints():
+    """An RSSR linkage: crank and rocker turn about skew axes, the rod's ball joints have no motors."""
+    light = {"mass": 0.1, "inertia": (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)}
+    links = Link("wall"), Link("crank", **light), Link("rod", **light), Link("rocker", 0.3, (0.1, 0.0, 0.0), **{
+        "inertia": (1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3)})  # fmt: skip
+    free = {"lower": -9.0, "upper": 9.0}
+    joints = (
+        Joint("crank", "revolute", "wall", "crank", axis=(0.0, 1.0, 0.0), **free),
+        Joint("ball", "ball", "crank", "rod", (0.1, 0.0, 0.0)),
+        Joint("rocker", "revolute", "wall", "rocker", (0.3, 0.1, 0.0), axis=(1.0, 1.0, 0.0) / np.sqrt(2.0), **free),
+    )
+    pin = Loop("pin", "connect", "rod", "rocker", (0.3, 0.0, 0.0), (0.1, 0.0, 0.1))
+    model = with_servo(Model("RSSR", links, joints, loops=(pin,)), "ax12")
+    model = replace(model, servos={"crank": model.servos["crank"]})
+    q = close_loops(model, [0.3, 1.0, 0.0, 0.0, 0.0, 0.0])
+    found = trim(compile_scene(model, "mipsd", None, "implicit_euler", 1e-3), q)
+    assert found.ok, found.message
+    named = dict(zip(model.joint_names, found.torque))
+    assert [name for name, torque in named.items() if torque] == ["crank"]
+
+    def potential(x):
+        posture = close_loops(model, np.concatenate([[x], q[1:]]), joints=model.joint_names[1:])
+        return energy(model, posture, np.zeros(model.nv)).potential
+
+    assert named["crank"] == pytest.approx((potential(q[0] + 1e-4) - potential(q[0] - 1e-4)) / 2e-4, rel=1e-5)
