@@ -22,7 +22,7 @@ from .markup import read_markup
 from .mjcf.read import read_mjcf
 from .plausible import doubt_inertias
 from .report import Report, RobotFileError, RobotFileWarning, blamed_on, refusal
-from .robot import Robot
+from .robot import Robot, with_rollers
 from .settings import Settings, read_settings
 from .simtwo.read import read_simtwo
 from .source import robot_path
@@ -127,7 +127,7 @@ def load_robot(
     if choice is None:
         return model
     with blamed_on(f"{path}: contacts={choice!r}"):
-        chosen = with_contacts(model, choice)
+        chosen = with_rollers(with_contacts(model, choice), robot.rollers)
     doubts = chosen.notes[len(model.notes) :]
     if doubts and strict:
         raise refusal(path, list(doubts))

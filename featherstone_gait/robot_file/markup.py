@@ -23,6 +23,7 @@ MAX_DEPTH = 64  # of nested elements
 MAX_NUMBER = 1e30  # in a robot file, so that no product of masses and lengths overflows
 DECLARATION = re.compile(rb"<\?xml\s[^>]*\?>")
 PREFIX = re.compile(rb"[</\s]([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*[\s=/>]")
+COMMENT = re.compile(rb"<!--(.*?)-->", re.DOTALL)
 ROOT = re.compile(rb"<[A-Za-z_][\w.-]*")
 NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")  # what strtod reads in the C locale
 
@@ -51,7 +52,8 @@ class _Parser(DefusedXMLParser):
 def read_markup(path: Path) -> Markup:
     """Read an XML file; raise ValueError if it is none, declares entities or nests more than MAX_DEPTH elements.
 
-    An XML declaration below the first line, and prefixes that no xmlns declares, are accepted and reported.
+    An XML declaration below the first line, prefixes that no xmlns declares, and hyphens in a row within comments are
+    accepted and reported.
     """
     data, doubts = read_bytes(path), dict[str, None]()
     while True:
@@ -86,6 +88,9 @@ def _mended(data: bytes, code: int) -> tuple[bytes, str]:
         declared = b"".join(b" xmlns:%b='%b'" % (name, name) for name in names if b"xmlns:" + name not in data)
         mended = ROOT.sub(lambda found: found[0] + declared, data, count=1)
         return mended, "took prefixes as declared that no xmlns declares"
+    hyphens = any(b"--" in found[1] for found in COMMENT.finditer(data))
+    if code == errors.codes[errors.XML_ERROR_INVALID_TOKEN] and hyphens:
+        return COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), data), "skipped comments with -- in them"
     return data, ""
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
-from ..model import Base, Immersed, Joint, Link, Loop, Servo, Tendon
+from ..model import Base, ContactPoint, Immersed, Joint, Link, Loop, Model, Servo, Tendon
 from ..model.degrees import ball_name, degrees_of, is_first
 from ..model.shapes import Shape
 
@@ -48,3 +49,11 @@ class Robot(NamedTuple):
     loops: tuple[Loop, ...] = ()
     tendons: tuple[Tendon, ...] = ()
     immersed: tuple[Immersed, ...] = ()
+    rollers: Mapping[str, ContactPoint] = {}  # of wheels with rollers, by link
+
+
+def with_rollers(model: Model, rollers: Mapping[str, ContactPoint]) -> Model:
+    """Return the model with the rollers of its wheels in place of other contact points there."""
+    bearing = {name: [p.load_bearing for p in model.contacts if p.link == name] for name in rollers}
+    rolling = (replace(point, load_bearing=any(bearing[name])) for name, point in rollers.items() if bearing[name])
+    return replace(model, contacts=(*(p for p in model.contacts if p.link not in rollers), *rolling))

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..base.arguments import instance, truth
 from ..base.files import complete
 from ..geometry.contact_choice import with_contacts
-from ..model import Ground, Link, Model
+from ..model import Fluid, Ground, Link, Model
 from ..model.placed import SEPARATOR, Placed, SceneModel
 from .load import model_of, resolve_couplings
 from .markup import Markup, read_markup
@@ -18,11 +18,13 @@ from .mjcf.tree import unused
 from .mjcf.write_scene import scene_text
 from .plausible import doubt_inertias
 from .report import Report, blamed_on
+from .robot import with_rollers
 from .save import MJCF
 from .scene_toml import read_scene_toml
 from .settings import Settings
-from .simtwo.read import read_simtwo
-from .simtwo.scene import read_solids
+from .simtwo.read import file_of, name_of, read_simtwo
+from .simtwo.scene import read_solids, tell_scene
+from .simtwo.solids import AIR
 
 
 def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
@@ -31,7 +33,7 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
     Of MJCF each body of the world is a member if anything of it moves, else an obstacle, as are the geoms of the world;
     the first plane or height field is the ground.  Geoms that touch it make contact points.  MJCF needs MuJoCo:
     ``pip install featherstone-gait[mjcf]``.  A TOML file names robots' files and objects; `docs/scenes.md` lists its
-    keys.  Of SimTwo robots, things and obstacles are read, on level ground.
+    keys.  Of SimTwo robots, things and obstacles are read, on level ground, or the file of one robot.
 
     Parameters
     ----------
@@ -61,12 +63,12 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
         if path.suffix == ".toml":
             return read_scene_toml(path, strict)
         markup = read_markup(path)
-        if markup.root.tag == "scene":
+        if markup.root.tag == "scene" or markup.root.find("solids") is not None:
             return _simtwo(path, markup, strict)
         if markup.root.tag != "mujoco":
             raise ValueError(
-                f"is <{markup.root.tag}>; a scene is MJCF (<mujoco>), SimTwo (<scene>) or TOML: load a "
-                "robot with load_robot, or name its file in a TOML"
+                f"is <{markup.root.tag}>; a scene is MJCF (<mujoco>), SimTwo (<scene>, or <robot> with <solids>) or "
+                "TOML: load a robot with load_robot, or name its file in a TOML"
             )
         report = Report(markup.lines, strict)
         for sentence in markup.doubts:
@@ -84,24 +86,33 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
 
 
 def _simtwo(path: Path, markup: Markup, strict: bool) -> SceneModel:
-    """Load the robots, things and obstacles of a scene of SimTwo, on level ground."""
+    """Load the robots, things and obstacles of a scene of SimTwo, or one robot, on level ground."""
     members: list[Placed] = []
-    for element in markup.root.iterfind("robot"):
+    whole, root = Report(markup.lines, strict), markup.root
+    for sentence in markup.doubts:
+        whole.doubt(sentence)
+    for element in root.iterfind("robot") if root.tag == "scene" else (None,):
+        if element is not None and not file_of(path, element).is_file():
+            file = file_of(path, element).name
+            where = f"{path.name}, line {markup.lines[element]}"
+            whole.doubt(f"{where}: there is no file {file!r}: its robot is left out")
+            continue
         report = Report(markup.lines, strict)
-        robot = read_simtwo(path, markup.root, None, report, element)
+        name = (path.stem if element is None else name_of(element)).replace(SEPARATOR, "_")
+        robot = read_simtwo(path, root, None, report, element, unused(name, [placed.name for placed in members]))
         x, y, z, *quaternion = robot.postures["scene"].base
-        name = unused(robot.name.replace(SEPARATOR, "_"), [placed.name for placed in members])
-        model = model_of(path, robot._replace(name=name), Settings(), report, ())
-        members.append(
-            _placed(
-                path, Part(robot._replace(name=name), (x, y, z), tuple(quaternion), ()), with_contacts(model, "all")
-            )
-        )
+        model = with_rollers(with_contacts(model_of(path, robot, Settings(), report, ()), "all"), robot.rollers)
+        members.append(_placed(path, Part(robot, (x, y, z), tuple(quaternion), ()), model))
         report.warn(path, stacklevel=4)
     things, remarks = read_solids(path, markup, "things", strict)
     obstacles, more = read_solids(path, markup, "obstacles", strict)
     members += [replace(placed, model=with_contacts(placed.model, "all")) for placed in things]
-    return SceneModel(path.stem, tuple(members), tuple(obstacles), Ground(), notes=(*remarks, *more), source=str(path))
+    tell_scene(path, root, whole)
+    whole.raise_problems(path)
+    whole.warn(path, stacklevel=4)
+    notes = (*whole.notes(), *remarks, *more)
+    fluid = Fluid(AIR) if any(placed.model.immersed for placed in members) else None
+    return SceneModel(path.stem, tuple(members), tuple(obstacles), Ground(), notes=notes, source=str(path), fluid=fluid)
 
 
 def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:

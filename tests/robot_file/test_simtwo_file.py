@@ -150,9 +150,9 @@ def test_springs_are_read(arm):
         ('value="0.4"', 'value="__import__(1)"', "not an expression"),
         ('value="0.4"', 'value="9^9999"', "constant 'L' is '9\\^9999'"),
         ('B2="boom"', 'B2="bloom"', "no solid 'bloom'"),
-        ('value="Universal"', 'value="Ball"', "type 'Ball'"),
+        ('value="Universal"', 'value="Screw"', "type 'Screw'"),
         ('mode="pidposition"', 'mode="fuzzy"', "controller mode 'fuzzy'"),
-        ("<sphere>", "<belt/><sphere>", "<belt> is not supported"),
+        ("<sphere>", "<belt/><sphere>", "link name ''"),
         ('period="20"', 'period="0"', "period is 0 ms"),
         ('mass value="1"', 'mass value="-1"', "mass is -1.0"),
         ('B1="boom" B2="ball"', 'B1="post" B2="boom"', "cut the closed loop"),
@@ -169,7 +169,7 @@ WRONG = (
     ('mass value="1"', 'mass value="-1"', "mass is -1.0"),
     ('<pos x="L" z="L"/></sphere>', '<pos x="L+" z="L"/></sphere>', "'L+'"),
     ('B2="world"', 'B2="moon"', "no solid 'moon'"),
-    ('value="Universal"', 'value="Ball"', "type 'Ball'"),
+    ('value="Universal"', 'value="Screw"', "type 'Screw'"),
     ('Min="-0.1"', 'Min="0.3"', "Min 0.3 m, Max 0.2 m"),
 )
 
@@ -199,8 +199,8 @@ def test_all_that_is_wrong_is_said_at_once_with_its_line(arm):
 
 def test_lines_are_those_of_the_robots_file(humanoid):
     path = humanoid[1].with_name("walker.xml")
-    path.write_text(path.read_text().replace("<joint>", "\n<joint>").replace("'Hinge'", "'Ball'", 1))
-    with pytest.raises(RobotFileError, match=r"walker\.xml: line 2: .*type 'Ball'"):
+    path.write_text(path.read_text().replace("<joint>", "\n<joint>").replace("'Hinge'", "'Screw'", 1))
+    with pytest.raises(RobotFileError, match=r"walker\.xml: line 2: .*type 'Screw'"):
         load_robot(humanoid[1])
 
 

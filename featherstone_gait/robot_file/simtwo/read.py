@@ -3,83 +3,104 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 from xml.etree.ElementTree import Element
+
+import numpy as np
 
 from ...base.rotation import rotation_from_rpy
 from ...model import Base, Joint, Link, Servo
-from ...model.rigid_bodies import inertia_tuple, turned_inertia
-from ...model.shapes import Box, Cylinder, Geometry, Shape, Sphere
+from ...model.placed import SEPARATOR
+from ...model.shapes import Shape
 from ..markup import Vector, read_markup
+from ..mjcf.tree import unused
 from ..report import Report
 from ..robot import MASSLESS, Posture, Robot
+from .differences import SECTIONS, Differences, merge_repeated
 from .expression import Numbers, constants_of
 from .motors import Parts, parts_of, servo_of, spring_of
+from .sensors import Carrier, tell_sensor
+from .solids import AIR, NOTHING, Axis, Solid, angles_of, attribute, shell_of, solid_of
+from .wheels import wheels_of
 
 WORLD = "world"
 FULL_TURN = 180.0  # [deg] a stop at or beyond it stops nothing
-TYPES = ("Hinge", "Slider", "Universal", "Fixed")
-UNSUPPORTED = ("belt", "propeller")
-NOTHING = (0.0, 0.0, 0.0)
+TYPES = ("Hinge", "Slider", "Universal", "Ball", "Fixed")
+KINDS = SECTIONS["solids"][1].split()
+BELT = "SimTwo's script moves its surface, and here only that of the ground moves, by Ground(velocity=...)"
+THRUST = (
+    "N s/rad times the angular velocity, is left out: here it is by the square of the speed; give the joint a "
+    "Propeller whose thrust is that over the speed at which it works"
+)
+DAMPED = "left out that SimTwo takes 1e-5 of the velocity and 1e-3 of the turning of solids without <drag> a step"
 
-Shaped: TypeAlias = tuple[Geometry, Vector]  # a shape, and its moments of inertia divided by its mass
-
-
-class Solid(NamedTuple):
-    """A rigid body, in the robot's frame."""
-
-    link: Link  # in axes through its center, parallel to the robot's
-    position: Vector
-    rpy: Vector
-    geometry: Geometry
-
-
-class Axis(NamedTuple):
-    """A joint between two links, in the robot's frame."""
-
-    name: str
-    kind: str  # Hinge, Slider or Fixed
-    parent: str
-    child: str
-    position: Vector
-    direction: Vector
-    limits: tuple[float, float]  # [deg or m]
-    servo: Servo | None
-    spring: dict[str, Any]  # numbers of Joint
-    element: Element
-
-
-def read_simtwo(path: Path, root: Element, base: Base | None, report: Report, robot: Element | None = None) -> Robot:
+def read_simtwo(
+    path: Path, root: Element, base: Base | None, report: Report, robot: Element | None = None, member: str = ""
+) -> Robot:
     """Read a robot of a scene (<scene>), by default its only one, or a robot's file (<robot>).
 
-    base: None is "fixed" if a joint holds the robot to the world, else "floating".  What is ignored goes into the
-    report.  Raises ValueError for meaningless constants or scenes, RobotFileError for all that is wrong with the robot,
-    with the lines of its file.
+    base: None is "fixed" if a joint holds the robot to the world, else "floating"; member: its name in a scene of
+    several.  What is ignored goes into the report.  Raises ValueError for meaningless constants or scenes,
+    RobotFileError for all that is wrong with the robot, with the lines of its file.
     """
     name, pose, file, body, constants = path.stem, (NOTHING, NOTHING), path, root, constants_of(root, {})
     if root.tag == "scene":
         robot = _only_robot(root) if robot is None else robot
-        name, file = name_of(robot), _file_of(path, robot)
+        name, file = name_of(robot), file_of(path, robot)
+        if not file.is_file():
+            raise ValueError(
+                f"robot {name!r}: there is no file {file.name!r} beside the scene; correct <body file=...>"
+            )
         outer = Numbers(constants)
         pose = outer.xyz(robot.find("pos"), "<pos>"), angles_of(robot, outer, "<robot>")
-        body, report.lines, _ = read_markup(file)
+        body, report.lines, doubts = read_markup(file)
+        for doubt in doubts:
+            report.doubt(doubt)
         constants = constants_of(robot, constants)
-    numbers = Numbers(constants_of(body, constants))
-    solids = _solids(body, numbers, report)
+    merge_repeated(body)
+    numbers, differences = Numbers(constants_of(body, constants)), Differences(file, report)
+    solids = _solids(body, numbers, report, differences)
     axes = _axes(body, numbers, report)
+    if not solids:
+        report.raise_problems(file)
+    parts = _shells(body, numbers, solids, report, differences)
+    taken = [solid.link.name for solid in (*solids, *(shell for shell, _ in parts))]
+    parts += wheels_of(body, numbers, solids[0].link.name, taken, report)
+    axes += [axis for _, axis in parts]
     origins = {axis.child: axis.position for axis in axes}  # of the frames of links that have a joint to their parent
     joints = []
     for axis in axes:
         with report.blaming(axis.element):
             joints.append(_joint(axis, origins.get(axis.parent, NOTHING)))
-    _doubt(body, report)
+    _tell(body, numbers, solids, origins, member, report, differences)
     report.raise_problems(file)
-    report.remark("skipped colors, shells, sensors, surfaces and drag of the scene")
     fixed = any(WORLD in (axis.parent, axis.child) for axis in axes)
-    return _robot(name, pose, solids, axes, joints, base or ("fixed" if fixed else "floating"))
+    everything = [*solids, *(solid for solid, _ in parts)]
+    return _robot(member or name, pose, everything, axes, joints, base or ("fixed" if fixed else "floating"))
+
+
+def _tell(
+    body: Element, numbers: Numbers, solids: list[Solid], origins: Mapping[str, Vector], member: str, report: Report,
+    differences: Differences,
+) -> None:  # fmt: skip
+    """Report what is read otherwise than SimTwo does, or not at all."""
+    differences.look_through(body)
+    carriers = {}
+    for solid in solids:
+        name = solid.link.name
+        origin = np.array(origins.get(name, NOTHING))
+        link = f"{member}{SEPARATOR * bool(member)}{name}"
+        carriers[name] = Carrier(link, np.array(solid.position) - origin, rotation_from_rpy(solid.rpy), origin)
+    for element in (*_all(body, "sensors"), *_all(body, "tools")):
+        with report.blaming(element):
+            tell_sensor(element, numbers, carriers, carriers[solids[0].link.name], differences)
+    differences.tell()
+    if any(solid.immersed for solid in solids) and not member:
+        report.remark(f"for drag and buoyancy of solids give fluid=Fluid({AIR}) to compile_scene")
+    report.remark(f"{differences.file.name}: {DAMPED}")
 
 
 def _only_robot(root: Element) -> Element:
@@ -98,88 +119,56 @@ def name_of(robot: Element) -> str:
     return attribute(robot, "ID", "name", attribute(robot, "ID", "value", "robot"))
 
 
-def _file_of(path: Path, robot: Element) -> Path:
-    file = path.parent / attribute(robot, "body", "file", "")
-    if not file.is_file():
-        raise ValueError(
-            f"robot {name_of(robot)!r}: there is no file {file.name!r} beside the scene; correct <body file=...>"
-        )
-    return file
-
-
-def attribute(element: Element, tag: str, name: str, default: str) -> str:
-    """Return an attribute of a child, or the default where there is none."""
-    child = element.find(tag)
-    return default if child is None else child.get(name, default)
+def file_of(path: Path, robot: Element) -> Path:
+    """Return the file of a robot of a scene, which may not exist."""
+    return path.parent / attribute(robot, "body", "file", "")
 
 
 def _all(root: Element, tag: str) -> list[Element]:
     return [child for part in root.iterfind(tag) for child in part]
 
 
-def angles_of(element: Element, numbers: Numbers, what: str) -> Vector:
-    """Return angles about x, y and z [rad]: the rotation is Rz Ry Rx."""
-    x, y, z = map(math.radians, numbers.xyz(element.find("rot_deg"), f"{what} <rot_deg>"))
-    return x, y, z
-
-
 # ---------------------------------------------------------------------------------------------- solids
 
 
-def _solids(body: Element, numbers: Numbers, report: Report) -> list[Solid]:
-    """Read the valid solids; report what is wrong with others, and what is no rigid body."""
-    solids, elements = [], _all(body, "solids")
+def _solids(body: Element, numbers: Numbers, report: Report, differences: Differences) -> list[Solid]:
+    """Read the valid solids; report what is wrong with others, and what some do in SimTwo alone."""
+    solids, elements = [], [element for element in _all(body, "solids") if element.tag in KINDS]
     for element in elements:
-        if element.tag in UNSUPPORTED:
-            report.refuse(element, f"<{element.tag}> is not supported; remove it")
+        name = attribute(element, "ID", "value", "")
         if element.find("solid") is not None:
-            name = attribute(element, "ID", "value", "")
             report.refuse(element, f"solid {name!r} is placed in another's frame; give its place in the robot's")
-        if element.tag in SHAPES:
-            with report.blaming(element):
-                solids.append(solid_of(element, numbers))
-    if not any(element.tag in SHAPES for element in elements):
+        with report.blaming(element):
+            solids.append(solid_of(element, numbers))
+            if element.tag == "belt":
+                differences.add(element, f"<belt> {name!r} is a box at rest: {BELT}", doubt=True)
+            elif element.tag == "propeller":
+                thrust = numbers.one(element.find("thrust"), "coefficient", 0.1, f"solid {name!r} <thrust>")
+                differences.add(element, f"the thrust of <propeller> {name!r}, {thrust:g} {THRUST}", doubt=True)
+    if not elements:
         report.refuse(body, "there is no solid; a robot needs one: give the file that has <solids>")
-    for wheel in body.findall("wheels/*"):
-        report.refuse(wheel, "<wheels> are not supported; describe them as cylinders with hinges")
     return solids
 
 
-def solid_of(element: Element, numbers: Numbers, unnamed: str = "") -> Solid:
-    """Read a solid; raise ValueError for a wrong one.  unnamed: name of one without an ID."""
-    name, stated = attribute(element, "ID", "value", unnamed), element.find("mass")
-    what = f"solid {name!r}"
-    mass = numbers.one(stated, "value", 1.0, f"{what} <mass>")
-    geometry, (A, B, C) = SHAPES[element.tag](element, numbers, what)
-    rpy = angles_of(element, numbers, what)
-    inertia: tuple[float, ...] = (mass * A, 0.0, 0.0, mass * B, 0.0, mass * C)
-    if stated is not None and "I11" in stated.attrib:
-        names = ("I11", "I12", "I13", "I22", "I23", "I33")
-        inertia = tuple(numbers.one(stated, name, 0.0, f"{what} <mass>") for name in names)
-    link = Link(name, mass, NOTHING, inertia_tuple(turned_inertia(rotation_from_rpy(rpy), inertia)))
-    return Solid(link, numbers.xyz(element.find("pos"), f"{what} <pos>"), rpy, geometry)
-
-
-def _cuboid(element: Element, numbers: Numbers, what: str) -> Shaped:
-    x, y, z = numbers.xyz(element.find("size"), f"{what} <size>", (1.0, 1.0, 1.0))
-    return Box((x, y, z)), ((y * y + z * z) / 12, (x * x + z * z) / 12, (x * x + y * y) / 12)
-
-
-def _cylinder(element: Element, numbers: Numbers, what: str) -> Shaped:
-    size = element.find("size")
-    r = numbers.one(size, "radius", numbers.one(size, "x", 1.0, f"{what} <size>"), f"{what} <size>")
-    h = numbers.one(size, "z", 1.0, f"{what} <size>")
-    across = (3 * r * r + h * h) / 12
-    return Cylinder(r, h), (across, across, r * r / 2)
-
-
-def _sphere(element: Element, numbers: Numbers, what: str) -> Shaped:
-    size = numbers.one(element.find("size"), "radius", 1.0, f"{what} <size>")
-    r = numbers.one(element.find("radius"), "value", size, f"{what} <radius>")
-    return Sphere(r), (0.4 * r * r, 0.4 * r * r, 0.4 * r * r)
-
-
-SHAPES = {"cuboid": _cuboid, "cylinder": _cylinder, "sphere": _sphere}
+def _shells(
+    body: Element, numbers: Numbers, solids: list[Solid], report: Report, differences: Differences
+) -> list[tuple[Solid, Axis]]:
+    """Read the valid shells; report others."""
+    found: list[tuple[Solid, Axis]] = []
+    by_name = {solid.link.name: solid for solid in solids}
+    for element in _all(body, "shells"):
+        if element.tag not in SECTIONS["shells"][1].split():
+            continue
+        named, mother = element.find("solid"), solids[0]
+        if named is not None:
+            mother = by_name.get(named.get("id", ""), mother)
+            if mother.link.name != named.get("id"):
+                differences.add(element, "a shell names no solid that is there: it is on the first, as in SimTwo")
+        own = attribute(element, "ID", "value", "") or "shell"
+        taken = [*by_name, *(solid.link.name for solid, _ in found)]
+        with report.blaming(element):
+            found.append(shell_of(element, numbers, mother, unused(f"{mother.link.name}_{own}", taken)))
+    return found
 
 
 # ---------------------------------------------------------------------------------------------- articulations
@@ -187,7 +176,7 @@ SHAPES = {"cuboid": _cuboid, "cylinder": _cylinder, "sphere": _sphere}
 
 def _axes(body: Element, numbers: Numbers, report: Report) -> list[Axis]:
     """Read the axes of all valid articulations, each from the link nearer to the root; report others."""
-    names = [attribute(element, "ID", "value", "") for element in _all(body, "solids") if element.tag in SHAPES]
+    names = [attribute(element, "ID", "value", "") for element in _all(body, "solids") if element.tag in KINDS]
     ends: dict[int, tuple[str, str]] = {}
     found: list[tuple[Element, list[Parts]]] = []  # joints, with their motors' parts over those of the last <default>
     inherited: list[Parts] = [{}, {}]
@@ -240,6 +229,9 @@ def _axes_of(
     first, second = ends
     child, sign = (second, -1.0) if parent == first else (first, 1.0)
     place = numbers.xyz(element.find("pos"), f"{what} <pos>")
+    if kind == "Ball":
+        yield Axis(name, kind, parent, child, place, (1.0, 0.0, 0.0), (-360.0, 360.0), None, {}, element)
+        return
     if kind != "Universal":
         direction, limits, servo, spring = _motion(element, parts[0], numbers, "", what)
         yield Axis(name, kind, parent, child, place, _scaled(direction, sign, what), limits, servo, spring, element)
@@ -290,15 +282,31 @@ def _robot(
         joints=tuple(joints),
         base=base,
         servos={axis.name: axis.servo for axis in axes if axis.servo is not None and axis.kind != "Fixed"},
-        shapes=tuple(Shape(solid.link.name, solid.geometry, place, solid.rpy) for solid, place in places),
-        postures={"scene": Posture(start, {joint.name: 0.0 for joint in joints if joint.type != "fixed"})},
+        shapes=tuple(
+            Shape(solid.link.name, solid.geometry, place, solid.rpy, friction=solid.friction) for solid, place in places
+        ),
+        postures={"scene": Posture(start, {joint.name: _zero(joint) for joint in joints if joint.type != "fixed"})},
+        immersed=tuple(
+            replace(one, xyz=_plus(one.xyz, place)) for solid, place in places for one in solid.immersed
+        ),
+        rollers={
+            solid.link.name: replace(solid.rollers, position=place)
+            for solid, place in places
+            if solid.rollers is not None
+        },
     )
+
+
+def _zero(joint: Joint) -> Any:
+    return (1.0, 0.0, 0.0, 0.0) if joint.type == "ball" else 0.0
 
 
 def _joint(axis: Axis, origin: Vector) -> Joint:
     joint = Joint(axis.name, "fixed", axis.parent, axis.child, _minus(axis.position, origin))
     if axis.kind == "Fixed":
         return joint
+    if axis.kind == "Ball":
+        return replace(joint, type="ball")
     joint = replace(joint, **axis.spring)
     lower, upper = axis.limits
     if lower > upper:
@@ -316,6 +324,11 @@ def _joint(axis: Axis, origin: Vector) -> Joint:
     return replace(joint, type="revolute", axis=axis.direction, lower=lower, upper=upper)
 
 
+def _plus(a: tuple[float, ...], b: tuple[float, ...]) -> Vector:
+    x, y, z = (p + q for p, q in zip(a, b))
+    return x, y, z
+
+
 def _minus(a: tuple[float, ...], b: tuple[float, ...]) -> Vector:
     x, y, z = (p - q for p, q in zip(a, b))
     return x, y, z
@@ -330,9 +343,3 @@ def quaternion_from_rpy(rpy: tuple[float, ...]) -> tuple[float, float, float, fl
         cr * sp * cy + sr * cp * sy,
         cr * cp * sy - sr * sp * cy,
     )
-
-
-def _doubt(body: Element, report: Report) -> None:
-    """Report what changes the motion and is ignored."""
-    for tag in sorted({e.tag for e in _all(body, "solids") if e.tag not in (*SHAPES, *UNSUPPORTED)}):
-        report.doubt(f"ignored <{tag}> in <solids>, which is no known solid")

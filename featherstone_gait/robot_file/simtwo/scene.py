@@ -1,4 +1,4 @@
-"""Read the things and obstacles of a scene of SimTwo."""
+"""Read the things and obstacles of a scene of SimTwo, and say what else is in it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ from ...model.placed import SEPARATOR, Placed
 from ...model.shapes import Shape
 from ..markup import Markup, read_markup
 from ..report import Report, blamed_on
+from .differences import SECTIONS, Differences, merge_repeated
 from .expression import Numbers, constants_of
-from .read import SHAPES, angles_of, attribute, quaternion_from_rpy, solid_of
+from .read import quaternion_from_rpy
+from .sensors import WORLD, tell_sensor
+from .solids import angles_of, attribute, solid_of
 
 LINK = "body"  # the one link of a thing
 
@@ -47,17 +50,23 @@ def read_solids(path: Path, markup: Markup, kind: str, strict: bool) -> tuple[li
         if section.file is not None:
             file = path.parent / section.file
             if not file.is_file():
-                scene.doubt(f"there is no file {section.file}: its {kind} are left out")
+                where = f"{path.name}, line {scene.lines[section.element]}"
+                scene.doubt(f"{where}: there is no file {section.file}: its {kind} are left out")
                 continue
             with blamed_on(file):
                 body, lines, _ = read_markup(file)
+        merge_repeated(body)
         report = Report(lines, strict)
-        numbers = Numbers(constants_of(body, outer))
-        for element in body.iter():
-            if element.tag in SHAPES:
+        numbers = Numbers(constants_of(body, constants_of(section.element, outer)))
+        differences = Differences(file, report)
+        differences.look_through(body, kind)
+        differences.tell()
+        for element in body:
+            if element.tag in SECTIONS[kind][1].split():
                 with report.blaming(element):
                     found.append(_placed(element, numbers, kind, section, f"{element.tag}{len(found)}"))
         report.raise_problems(file)
+        report.warn(file, stacklevel=5)
         notes += report.notes()
     scene.raise_problems(path)
     scene.warn(path, stacklevel=5)
@@ -82,9 +91,11 @@ def _placed(element: Element, numbers: Numbers, kind: str, section: Section, nam
     solid = solid_of(element, numbers, name)
     name = (section.name + solid.link.name).replace(SEPARATOR, "_")
     link = replace(solid.link, name=LINK)
+    moves = kind == "things"
     model = Model(
-        name, (link,), (), "floating" if kind == "things" else "fixed",
-        shapes=(Shape(link.name, solid.geometry, rpy=solid.rpy),),
+        name, (link,), (), "floating" if moves else "fixed",
+        shapes=(Shape(link.name, solid.geometry, rpy=solid.rpy, friction=solid.friction),),
+        immersed=tuple(replace(one, link=LINK) for one in solid.immersed if moves),
     )  # fmt: skip
     position = np.array(section.position) + rotation_from_rpy(section.rpy) @ np.array(solid.position)
     return Placed(model, name, tuple(position.tolist()), quaternion_from_rpy(section.rpy))
@@ -101,3 +112,40 @@ def _with_own_names(found: list[Placed]) -> list[Placed]:
         if name != placed.name:
             found[k] = replace(placed, name=name)
     return found
+
+
+def tell_scene(path: Path, root: Element, report: Report) -> None:
+    """Report what of a scene is neither robot nor thing nor obstacle; the report is that of the scene's file."""
+    differences = Differences(path, report)
+    for element in root if root.tag == "scene" else ():
+        if element.tag in ("sensors", "tools"):
+            _tell_sensors(path, element, Numbers(constants_of(root, {})), report)
+        elif element.tag == "track":
+            differences.add(element, "<track> is left out: nothing is painted on the ground here")
+        elif element.tag not in ("robot", "things", "obstacles", "obstacle", "defines"):
+            differences.add(element, f"<{element.tag}> is skipped, which SimTwo does not know either")
+    differences.tell()
+
+
+def _tell_sensors(path: Path, section: Element, outer: Numbers, report: Report) -> None:
+    """Report the sensors that stand in the world, in a file or in the scene itself."""
+    file, body, lines = path, section, report.lines
+    if "file" in section.attrib:
+        file = path.parent / section.attrib["file"]
+        if not file.is_file():
+            where = f"{path.name}, line {report.lines[section]}"
+            report.doubt(f"{where}: there is no file {file.name}: its {section.tag} are left out")
+            return
+        with blamed_on(file):
+            body, lines, _ = read_markup(file)
+    merge_repeated(body)
+    own = Report(lines, report.strict)
+    numbers, differences = Numbers(constants_of(body, outer.constants)), Differences(file, own)
+    differences.look_through(body, section.tag)
+    for element in body:
+        with own.blaming(element):
+            tell_sensor(element, numbers, {}, WORLD, differences)
+    differences.tell()
+    own.raise_problems(file)
+    for note in own.notes():
+        report.remark(note)

@@ -1,0 +1,270 @@
+"""Scenes of SimTwo: what shells, wheels, drag, buoyancy, surfaces and sensors mean, and that nothing is silent."""
+
+import math
+import re
+import warnings
+
+import numpy as np
+import pytest
+
+from featherstone_gait import (
+    Fluid,
+    RangeSensor,
+    RobotFileError,
+    RobotFileWarning,
+    compile_scene,
+    initial_state,
+    load_robot,
+    load_scene,
+    mass_matrix,
+    simulate,
+)
+from featherstone_gait.model.shapes import Box, Cylinder, Sphere
+
+CART = """<robot>
+  <solids>
+    <cuboid><ID value="box"/><mass value="2"/><size x="0.3" y="0.2" z="0.1"/><pos z="0.1"/><rot_deg z="90"/></cuboid>
+  </solids>
+  <wheels>
+    <default>
+      <tyre mass="0.4" radius="0.05" width="0.02" centerdist="0.12"/>
+      <motor ri="0.3" vmax="12"/><gear ratio="12"/><controller active="1" period="10"/>
+    </default>
+    <wheel><axis angle="90"/></wheel>
+    <wheel><ID value="left"/><axis angle="-90"/><tyre radius="0.06"/><controller kp="3"/></wheel>
+    <wheel><omni/><axis angle="180"/><surface mu="0.8" mu2="0.01"/><motor active="0"/></wheel>
+  </wheels>
+  %s
+</robot>
+"""
+
+
+def written(folder, text, name="cart.xml"):
+    (folder / name).write_text(text, encoding="utf-8")
+    return folder / name
+
+
+def quiet(path, load=load_robot, **more):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RobotFileWarning)
+        return load(path, **more)
+
+
+def line_of(text, part):
+    """The line of a text on which a part begins."""
+    return text[: text.index(part)].count("\n") + 1
+
+
+def test_wheels_are_cylinders_on_hinges_of_the_first_solid(tmp_path):
+    model = quiet(written(tmp_path, CART % ""))
+    assert model.joint_names == ("W1", "left", "W3")
+    joints = {joint.name: joint for joint in model.moving_joints}
+    assert [joint.parent for joint in model.moving_joints] == ["box"] * 3
+    np.testing.assert_allclose(joints["W1"].axis, (0.0, -1.0, 0.0), atol=1e-15)  # toward the middle
+    np.testing.assert_allclose(joints["left"].xyz, (0.0, -0.12, 0.06), atol=1e-15)  # stands on z = 0
+    H = mass_matrix(model, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(np.diag(H)[6:], 0.5 * 0.4 * np.array([0.05, 0.06, 0.05]) ** 2, rtol=1e-12)
+    assert model.mass == pytest.approx(2 + 3 * 0.4)
+
+
+def test_motors_of_wheels_inherit_from_their_default(tmp_path):
+    servos = quiet(written(tmp_path, CART % "")).servos
+    assert [*servos] == ["W1", "left"]  # the third is switched off
+    assert [servos[name].controller.Kp for name in servos] == [0.5, 3.0]
+    assert (servos["left"].resistance, servos["left"].gearbox.ratio) == (0.3, 12.0)
+
+
+def test_omni_wheels_roll_across_their_axis_alone(tmp_path):
+    model = quiet(written(tmp_path, CART % ""), load_scene).member("cart").model
+    points = {point.link: point for point in model.contacts}
+    omni = points["Tyre 180"]
+    assert (omni.roller_angle, omni.friction, omni.roller_friction) == (math.pi / 2, 0.8, 0.01)
+    assert omni.circle_radius == 0.05
+    assert np.abs(omni.axis) == pytest.approx((1.0, 0.0, 0.0))
+    assert [point.link for point in model.contacts].count("Tyre 180") == 1
+    assert (points["Tyre 90"].roller_angle, points["Tyre 90"].friction) == (None, 1.0)
+    chosen = quiet(written(tmp_path, CART % ""), contacts="all")
+    assert [point.roller_angle for point in chosen.contacts].count(math.pi / 2) == 1
+
+
+@pytest.mark.parametrize(("kind", "angle"), [("omni", 90), ("mecanumleft", 45), ("mecanumright", -45)])
+def test_cylinders_can_be_wheels_with_rollers(tmp_path, kind, angle):
+    text = f"""<robot><solids><cuboid><ID value="box"/></cuboid>
+      <cylinder><ID value="wheel" kind="{kind}"/><size x="0.05" z="0.02"/><pos x="1"/><rot_deg x="90"/></cylinder>
+      </solids><articulations><joint><ID value="turn"/><axis y="1" x="0"/><connect B1="wheel" B2="box"/>
+      <type value="Hinge"/></joint></articulations></robot>"""
+    model = quiet(written(tmp_path, text), contacts=["wheel"])
+    (point,) = model.contacts
+    assert math.degrees(point.roller_angle) == pytest.approx(angle)
+    assert (point.friction, point.roller_friction) == (1.0, 0.001)
+    assert np.abs(point.axis) == pytest.approx((0.0, 1.0, 0.0))
+
+
+def test_shells_are_fixed_to_their_solid_in_its_frame(tmp_path):
+    shells = """<shells>
+      <sphere><ID value="pad"/><radius value="0.01"/><pos x="0.1"/><surface mu="0.02"/></sphere>
+      <sphere><ID value="pad"/><radius value="0.01"/><pos x="-0.1"/></sphere>
+      <cuboid><ID value="load"/><mass value="0.5"/><size x="0.1" y="0.2" z="0.3"/><pos x="0.2"/></cuboid>
+    </shells>"""
+    text = re.sub("<wheels>.*</wheels>", "", CART % shells, flags=re.DOTALL).replace('<pos z="0.1"/>', "")
+    model = quiet(written(tmp_path, text))
+    assert model.moving_joints == ()
+    assert [type(shape.geometry) for shape in model.shapes] == [Box, Sphere, Sphere, Box]
+    assert [shape.friction for shape in model.shapes] == [None, 0.02, None, None]
+    assert [shape.link for shape in model.shapes] == ["box", "box_pad", "box_pad_", "box_load"]
+    # the box is turned a quarter about z, and so is the load, 0.2 m along y in the robot's frame
+    moments = (
+        2 * (0.3**2 + 0.1**2) / 12 + 0.5 * ((0.1**2 + 0.3**2) / 12 + 0.2**2),
+        2 * (0.2**2 + 0.1**2) / 12 + 0.5 * (0.2**2 + 0.3**2) / 12,
+        2 * (0.2**2 + 0.3**2) / 12 + 0.5 * ((0.2**2 + 0.1**2) / 12 + 0.2**2),
+    )
+    H = mass_matrix(model, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    assert sorted(np.diag(H)) == pytest.approx(sorted((*moments, 2.5, 2.5, 2.5)), rel=1e-12)
+
+
+def test_drag_and_buoyancy_are_those_of_a_step(tmp_path):
+    text = """<things><sphere><ID value="ball"/><mass value="0.3"/><radius value="0.1"/><pos z="2"/>
+      <drag coefficient="0.4" stokes="2e-3" roll="5e-4"/><buoyant mass="-0.2" z="0.05"/></sphere></things>"""
+    written(tmp_path, text, "things.xml")
+    scene = quiet(written(tmp_path, '<scene><things file="things.xml"/></scene>', "scene.xml"), load_scene)
+    assert scene.fluid == Fluid(1.293)
+    drag, lift = scene.member("ball").model.immersed
+    assert (drag.drag, drag.buoyant, drag.stokes) == (0.4, False, 0.0)
+    assert drag.linear_damping == pytest.approx(0.3 * 2e-3 / 1e-3)
+    assert drag.turning_damping == pytest.approx([0.4 * 0.3 * 0.01 * 5e-4 / 1e-3] * 3)
+    assert drag.turning_drag == pytest.approx([math.pi * 0.01 * 5e-4 / 0.1**5] * 3)
+    assert 4 / 3 * math.pi * lift.geometry.radius**3 * 1.293 == pytest.approx(0.2)
+    assert (lift.xyz, lift.buoyant) == ((0.0, 0.0, 0.05), True)
+    written(tmp_path, text.replace("-0.2", "0.2"), "things.xml")
+    with pytest.raises(RobotFileError, match=r"things\.xml: line 1: .*mass is 0\.2 kg"):
+        quiet(tmp_path / "scene.xml", load_scene)
+
+
+@pytest.mark.long
+def test_a_floating_ball_loses_its_speed_as_in_simtwo(tmp_path):
+    """Neutral buoyancy; a step of 1 ms takes 2e-3 of the velocity and 5e-4 of the angular velocity."""
+    text = """<scene><things><sphere><ID value="ball"/><mass value="0.3"/><radius value="0.1"/><pos z="2"/>
+      <drag stokes="2e-3" roll="5e-4"/><buoyant mass="-0.3"/></sphere></things></scene>"""
+    loaded = quiet(written(tmp_path, text, "scene.xml"), load_scene)
+    scene = compile_scene(loaded)
+    start = initial_state(scene)
+    speeds = scene.state_view(start).base_qd
+    speeds[:] = (1.0, 0.0, 0.0, 0.0, 2.0, 0.0)
+    run = simulate(scene, 1.0, start, record=("base_qd",))
+    assert run.success
+    end = run["base_qd"][-1]
+    halves = sorted(abs(end[np.abs(speeds) > 0]))
+    assert halves == pytest.approx(sorted((math.exp(-2.0), 2.0 * math.exp(-0.5))), rel=1e-3)
+    assert np.abs(end[2]) < 1e-6
+
+
+def test_solids_without_gravity_bear_their_weight(tmp_path):
+    model = quiet(written(tmp_path, (CART % "").replace('<pos z="0.1"/>', '<pos z="0.1"/><nogravity/>')))
+    assert [link.gravity_compensation for link in model.links] == [1.0, 0.0, 0.0, 0.0]
+
+
+def test_ball_joints_turn_in_all_directions(tmp_path):
+    text = """<robot><solids><cuboid><ID value="one"/></cuboid><sphere><ID value="two"/><pos x="1"/></sphere></solids>
+      <articulations><joint><ID value="hip"/><pos x="0.5"/><connect B1="two" B2="one"/><type value="Ball"/></joint>
+      </articulations></robot>"""
+    model = quiet(written(tmp_path, text))
+    assert model.joint_names == ("hip.rx", "hip.ry", "hip.rz")
+    assert model.keyframes["scene"][7:] == (1.0, 0.0, 0.0, 0.0)
+
+
+def call(notes, name):
+    """The RangeSensor that a note names."""
+    (note,) = [note for note in notes if f"name={name!r}" in note]
+    return note, eval(note[note.index("RangeSensor") :], {"RangeSensor": RangeSensor})
+
+
+SENSORS = """<sensors>
+    <IRSharp><ID value="ahead"/><beam length="0.4"/><pos x="0.1" z="0.02"/><rot_deg z="-90"/></IRSharp>
+    <ranger2d><ID value="fan"/><beam length="3"/><beam angle="90" rays="5"/><pos z="0.2"/></ranger2d>
+    <sonar><ID value="sonar"/><beam length="2" angle="20"/></sonar>
+    <IRSharp><ID value="fixed"/><pos x="0.5"/><absolute_coords/></IRSharp>
+    <floorline><ID value="line"/></floorline>
+    <imu><ID value="gyro"/></imu>
+  </sensors>
+  <tools><solenoid><ID value="grip"/><force fmax="10"/></solenoid></tools>"""
+
+
+def test_notes_name_the_range_sensors_that_do_the_same(tmp_path):
+    text = CART % SENSORS
+    notes = quiet(written(tmp_path, text)).notes
+    note, ahead = call(notes, "ahead")
+    assert note.startswith(f"cart.xml, line {line_of(text, '<IRSharp>')}: ")
+    assert (ahead.link, ahead.reach) == ("box", 0.4)
+    # the box is turned a quarter about z and 0.1 m high: its x is the robot's y, and the ray leaves along the robot's x
+    np.testing.assert_allclose(ahead.mounted, [[0.0, 0.1, 0.12, 1.0, 0.0, 0.0]], atol=1e-8)
+    _, fan = call(notes, "fan")
+    angles = np.degrees(np.arctan2(fan.mounted[:, 4], fan.mounted[:, 3]))
+    np.testing.assert_allclose(angles, 90 + np.linspace(-45, 45, 5), atol=1e-6)
+    _, sonar = call(notes, "sonar")
+    assert (sonar.nearest, sonar.reach) == (True, 2.0)
+    _, fixed = call(notes, "fixed")
+    np.testing.assert_allclose(fixed.mounted, [[0.5, 0.0, 0.0, 1.0, 0.0, 0.0]], atol=1e-8)
+    for name in ("line", "gyro", "grip"):
+        assert any(f"{name!r} is left out: " in one for one in notes), name
+
+
+def test_sensors_of_a_scene_are_on_its_members_and_in_the_world(tmp_path):
+    written(tmp_path, CART % SENSORS)
+    written(tmp_path, '<sensors><IRSharp><ID name="cell"/><pos z="1"/><rot_deg y="90"/></IRSharp></sensors>', "s.xml")
+    text = '<scene><robot><ID name="a"/><body file="cart.xml"/></robot><sensors file="s.xml"/></scene>'
+    scene = quiet(written(tmp_path, text, "scene.xml"), load_scene)
+    assert call(scene.member("a").model.notes, "ahead")[1].link == "a/box"
+    note, cell = call(scene.notes, "cell")
+    assert note.startswith("s.xml, line 1: ")
+    assert cell.link == "world"
+    np.testing.assert_allclose(cell.mounted, [[0.0, 0.0, 1.0, 0.0, 0.0, -1.0]], atol=1e-8)
+
+
+def test_belts_rest_and_propellers_do_not_push_with_a_warning(tmp_path):
+    text = """<robot><solids><belt><ID value="belt"/><size x="1" y="0.4" z="0.05"/></belt>
+      <propeller><ID value="prop"/><pos x="1"/><thrust coefficient="0.3"/></propeller></solids>
+      <articulations><joint><ID value="turn"/><connect B1="prop" B2="belt"/><type value="Hinge"/></joint>
+      </articulations></robot>"""
+    path = written(tmp_path, text)
+    with pytest.warns(RobotFileWarning, match=r"cart\.xml, line 1: <belt> 'belt' .*Ground\(velocity"):
+        model = load_robot(path)
+    assert model.shapes[0].geometry == Box((1.0, 0.4, 0.05))
+    assert any("line 2" in note and "'prop', 0.3 N s/rad" in note for note in model.notes)
+    with pytest.raises(RobotFileError, match="belt"):
+        load_robot(path, strict=True)
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        "<gearbox/>", "<nshells/>", "<shells><nsphere/></shells>", "<solids><cone/></solids>",
+        "<sensors><odd/></sensors>", "<wheels><default><encoder/></default></wheels>",
+        "<shells><sphere><glow/></sphere></shells>", '<shells><sphere><surface bounce="1"/></sphere></shells>',
+        '<articulations><default><gear ke2="3"/></default></articulations>',
+        '<wheels><default><tyre tread="3"/></default></wheels>',
+    ],
+)  # fmt: skip
+def test_nothing_is_dropped_in_silence(tmp_path, element):
+    """The innermost element, or its attribute, is named with file and line."""
+    text = CART % element
+    name, attribute = re.findall(r'<(\w+)(?: (\w+)="\d+")?/>', element)[0]
+    notes = quiet(written(tmp_path, text)).notes
+    start = f"cart.xml, line {line_of(text, element)}: "
+    assert any(note.startswith(start) and f"<{name}>" in note and attribute in note for note in notes), notes
+
+
+def test_constants_of_things_and_comments_with_hyphens(tmp_path):
+    written(tmp_path, '<things><!-- a -- b --><sphere><ID value="ball"/><radius value="r"/></sphere></things>', "t.xml")
+    text = '<scene><things file="t.xml"><defines><const name="r" value="0.2"/></defines></things></scene>'
+    scene = quiet(written(tmp_path, text, "scene.xml"), load_scene)
+    assert scene.member("ball").model.shapes[0].geometry == Sphere(0.2)
+
+
+def test_a_robot_is_a_scene_and_a_missing_one_is_left_out(tmp_path):
+    written(tmp_path, CART % "")
+    assert [placed.name for placed in quiet(tmp_path / "cart.xml", load_scene).members] == ["cart"]
+    text = '<scene>\n<robot><ID name="a"/><body file="no.xml"/></robot><robot><body file="cart.xml"/></robot></scene>'
+    with pytest.warns(RobotFileWarning, match=r"scene\.xml, line 2: .*'no\.xml'"):
+        scene = load_scene(written(tmp_path, text, "scene.xml"))
+    assert [placed.name for placed in scene.members] == ["robot"]
+    assert isinstance(scene.members[0].model.shapes[1].geometry, Cylinder)
