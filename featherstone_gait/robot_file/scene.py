@@ -106,8 +106,9 @@ def _simtwo(path: Path, markup: Markup, strict: bool) -> SceneModel:
         report.warn(path, stacklevel=4)
     things, remarks = read_solids(path, markup, "things", strict)
     obstacles, more = read_solids(path, markup, "obstacles", strict)
-    members += [replace(placed, model=with_contacts(placed.model, "all")) for placed in things]
-    tell_scene(path, root, whole)
+    members += things
+    if root.tag == "scene":
+        tell_scene(path, root, whole)
     whole.raise_problems(path)
     whole.warn(path, stacklevel=4)
     notes = (*whole.notes(), *remarks, *more)

@@ -241,7 +241,8 @@ def test_belts_rest_and_propellers_do_not_push_with_a_warning(tmp_path):
         "<sensors><odd/></sensors>", "<wheels><default><encoder/></default></wheels>",
         "<shells><sphere><glow/></sphere></shells>", '<shells><sphere><surface bounce="1"/></sphere></shells>',
         '<articulations><default><gear ke2="3"/></default></articulations>',
-        '<wheels><default><tyre tread="3"/></default></wheels>',
+        '<wheels><default><tyre tread="3"/></default></wheels>', "<defines><noconst/></defines>",
+        '<shells><sphere wide="1"/></shells>',
     ],
 )  # fmt: skip
 def test_nothing_is_dropped_in_silence(tmp_path, element):
@@ -268,3 +269,24 @@ def test_a_robot_is_a_scene_and_a_missing_one_is_left_out(tmp_path):
         scene = load_scene(written(tmp_path, text, "scene.xml"))
     assert [placed.name for placed in scene.members] == ["robot"]
     assert isinstance(scene.members[0].model.shapes[1].geometry, Cylinder)
+
+
+def test_a_scene_says_what_of_it_is_not_read(tmp_path):
+    written(tmp_path, CART % "")
+    text = """<scene>
+      <robot><rot_deg x="10"/><defines><noconst/></defines><body file="cart.xml"/></robot>
+      <track file="lines.xml"/>
+      <nobstacle/>
+      <things><cylinder><ID value="roll" kind="omni"/><size x="0.1" z="0.05"/><rot_deg y="90"/></cylinder>
+        <belt><ID value="belt"/></belt></things>
+      <sensors file="none.xml"/>
+    </scene>"""
+    scene = quiet(written(tmp_path, text, "scene.xml"), load_scene)
+    (point,) = scene.member("roll").model.contacts
+    assert point.roller_angle == math.pi / 2
+    left = {"<rot_deg>": 2, "<noconst>": 2, "<track>": 3, "<nobstacle>": 4, "<belt>": 6, "none.xml": 7}
+    for word, line in left.items():
+        assert any(note.startswith(f"scene.xml, line {line}: ") and word in note for note in scene.notes), word
+    with pytest.raises(RobotFileError, match=r"belt|none\.xml"):
+        load_scene(tmp_path / "scene.xml", strict=True)
+    assert any("load_scene reads all" in note for note in quiet(tmp_path / "scene.xml").notes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TypeAlias
 from xml.etree.ElementTree import Element
@@ -50,13 +50,14 @@ SECTIONS: Mapping[str, tuple[Known, str]] = {  # properties, and the elements th
     "wheels": (WHEEL, "wheel default"),
     "sensors": (SENSOR, TOOLS),
     "tools": (SENSOR, TOOLS),
-    "things": (SOLID, "cuboid cylinder sphere"),
+    "things": (SOLID, "cuboid cylinder sphere belt propeller"),
     "obstacles": (OBSTACLE, "cuboid cylinder sphere"),
 }
 LOOKS = frozenset(
     "color_rgb texture transparency mesh canvas draw draw2 desc desc2 liquid painting_target focal frame "
     "paint_color_rgb paint_rate paint_max_angle paint_default_on paint_occlusion".split()
 )
+PLACED = ("defines", "body", "ID", "pos", "rot_deg")  # beside solids, of an <obstacle> in a scene
 MATTER = "sensors and solenoids feel no matter here"
 WIDTH = "rays have no width"
 NOISE = "distances have no noise: add it to what is measured"
@@ -90,7 +91,7 @@ class Differences:
     def __init__(self, file: Path, report: Report) -> None:
         self.file, self.report = file, report
         self._lines: dict[tuple[bool, str], list[int]] = {}
-        self._looks: dict[str, None] = {}
+        self._idle: dict[str, None] = {}
 
     def add(self, element: Element, sentence: str, doubt: bool = False) -> None:
         """Add a sentence about an element; doubt: the motion depends on it."""
@@ -101,24 +102,36 @@ class Differences:
         for section in [root] if kind else root:
             name = kind or section.tag
             if name in SECTIONS:
-                self._section(section, name)
-            elif name not in ("defines", "kind"):
+                self._section(section, name, PLACED if kind else ())
+            elif name == "kind":
+                self._idle[name] = None
+            elif name != "defines":
                 self.add(section, f"<{name}> is skipped, which SimTwo does not know either")
+        self.look_at_constants(root)
 
-    def _section(self, section: Element, name: str) -> None:
+    def look_at_constants(self, root: Element) -> None:
+        """Add what of the constants in an element is not read."""
+        for element in root.iterfind("defines/*"):
+            if element.tag not in ("const", "arg"):
+                self.add(element, f"<{element.tag}> in <defines> is skipped, which SimTwo does not know either")
+
+    def _section(self, section: Element, name: str, more: Collection[str]) -> None:
+        """Add what of a section is not read; more: tags of what may be between the elements."""
         known, elements = SECTIONS[name]
         for element in section:
             if element.tag in elements.split():
                 if known is not SENSOR or element.tag in RAYS.split():  # others are left out as a whole
                     self._element(element, known)
-            elif element.tag not in ("defines", "body", "ID", "pos", "rot_deg"):  # as of <obstacle> in a scene
+            elif element.tag not in more:
                 unknown = f"<{element.tag}> in <{name}> is skipped, which is nothing that SimTwo knows there"
                 self.add(element, unknown, doubt=name in ("solids", "things", "articulations"))
 
     def _element(self, element: Element, known: Known) -> None:
+        for name in element.attrib:
+            self.add(element, f"{name} of <{element.tag}> is not read: SimTwo does not know it either")
         for child in element:
             if child.tag in LOOKS:
-                self._looks[child.tag] = None
+                self._idle[child.tag] = None
                 continue
             found: dict[tuple[bool, str], list[str]] = {}
             for what in _unread(child, known):
@@ -135,8 +148,8 @@ class Differences:
             numbers = ", ".join(map(str, dict.fromkeys(lines)))
             text = f"{self.file.name}, line{'s' * (len(set(lines)) > 1)} {numbers}: {sentence}"
             (self.report.doubt if doubt else self.report.remark)(text)
-        if self._looks:
-            self.report.remark(f"{self.file.name}: skipped how it looks ({', '.join(self._looks)})")
+        if self._idle:
+            self.report.remark(f"{self.file.name}: skipped what moves nothing ({', '.join(self._idle)})")
 
 
 def _unread(child: Element, known: Known) -> Iterator[str]:

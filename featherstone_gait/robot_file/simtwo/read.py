@@ -23,18 +23,13 @@ from .differences import SECTIONS, Differences, merge_repeated
 from .expression import Numbers, constants_of
 from .motors import Parts, parts_of, servo_of, spring_of
 from .sensors import Carrier, tell_sensor
-from .solids import AIR, NOTHING, Axis, Solid, angles_of, attribute, shell_of, solid_of
+from .solids import AIR, NOTHING, Axis, Solid, angles_of, attribute, shell_of, solid_of, tell_driven
 from .wheels import wheels_of
 
 WORLD = "world"
 FULL_TURN = 180.0  # [deg] a stop at or beyond it stops nothing
 TYPES = ("Hinge", "Slider", "Universal", "Ball", "Fixed")
 KINDS = SECTIONS["solids"][1].split()
-BELT = "SimTwo's script moves its surface, and here only that of the ground moves, by Ground(velocity=...)"
-THRUST = (
-    "N s/rad times the angular velocity, is left out: here it is by the square of the speed; give the joint a "
-    "Propeller whose thrust is that over the speed at which it works"
-)
 DAMPED = "left out that SimTwo takes 1e-5 of the velocity and 1e-3 of the turning of solids without <drag> a step"
 
 def read_simtwo(
@@ -60,6 +55,8 @@ def read_simtwo(
         for doubt in doubts:
             report.doubt(doubt)
         constants = constants_of(robot, constants)
+        if not member:
+            report.remark(f"{path.name}: only the robot is read; load_scene reads all of the scene")
     merge_repeated(body)
     numbers, differences = Numbers(constants_of(body, constants)), Differences(file, report)
     solids = _solids(body, numbers, report, differences)
@@ -140,11 +137,7 @@ def _solids(body: Element, numbers: Numbers, report: Report, differences: Differ
             report.refuse(element, f"solid {name!r} is placed in another's frame; give its place in the robot's")
         with report.blaming(element):
             solids.append(solid_of(element, numbers))
-            if element.tag == "belt":
-                differences.add(element, f"<belt> {name!r} is a box at rest: {BELT}", doubt=True)
-            elif element.tag == "propeller":
-                thrust = numbers.one(element.find("thrust"), "coefficient", 0.1, f"solid {name!r} <thrust>")
-                differences.add(element, f"the thrust of <propeller> {name!r}, {thrust:g} {THRUST}", doubt=True)
+            tell_driven(element, numbers, differences)
     if not elements:
         report.refuse(body, "there is no solid; a robot needs one: give the file that has <solids>")
     return solids

@@ -11,17 +11,19 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ...base.rotation import rotation_from_rpy
+from ...geometry.contact_choice import with_contacts
 from ...model import Model
 from ...model.links import Vector
 from ...model.placed import SEPARATOR, Placed
 from ...model.shapes import Shape
 from ..markup import Markup, read_markup
 from ..report import Report, blamed_on
+from ..robot import with_rollers
 from .differences import SECTIONS, Differences, merge_repeated
 from .expression import Numbers, constants_of
 from .read import quaternion_from_rpy
 from .sensors import WORLD, tell_sensor
-from .solids import angles_of, attribute, solid_of
+from .solids import angles_of, attribute, solid_of, tell_driven
 
 LINK = "body"  # the one link of a thing
 
@@ -60,11 +62,12 @@ def read_solids(path: Path, markup: Markup, kind: str, strict: bool) -> tuple[li
         numbers = Numbers(constants_of(body, constants_of(section.element, outer)))
         differences = Differences(file, report)
         differences.look_through(body, kind)
-        differences.tell()
         for element in body:
             if element.tag in SECTIONS[kind][1].split():
                 with report.blaming(element):
                     found.append(_placed(element, numbers, kind, section, f"{element.tag}{len(found)}"))
+                    tell_driven(element, numbers, differences)
+        differences.tell()
         report.raise_problems(file)
         report.warn(file, stacklevel=5)
         notes += report.notes()
@@ -97,6 +100,9 @@ def _placed(element: Element, numbers: Numbers, kind: str, section: Section, nam
         shapes=(Shape(link.name, solid.geometry, rpy=solid.rpy, friction=solid.friction),),
         immersed=tuple(replace(one, link=LINK) for one in solid.immersed if moves),
     )  # fmt: skip
+    if moves:
+        rollers = {} if solid.rollers is None else {LINK: replace(solid.rollers, link=LINK)}
+        model = with_rollers(with_contacts(model, "all"), rollers)
     position = np.array(section.position) + rotation_from_rpy(section.rpy) @ np.array(solid.position)
     return Placed(model, name, tuple(position.tolist()), quaternion_from_rpy(section.rpy))
 
@@ -116,13 +122,18 @@ def _with_own_names(found: list[Placed]) -> list[Placed]:
 
 def tell_scene(path: Path, root: Element, report: Report) -> None:
     """Report what of a scene is neither robot nor thing nor obstacle; the report is that of the scene's file."""
-    differences = Differences(path, report)
-    for element in root if root.tag == "scene" else ():
+    differences, numbers = Differences(path, report), Numbers(constants_of(root, {}))
+    differences.look_at_constants(root)
+    for element in root:
         if element.tag in ("sensors", "tools"):
-            _tell_sensors(path, element, Numbers(constants_of(root, {})), report)
+            _tell_sensors(path, element, numbers, report)
         elif element.tag == "track":
             differences.add(element, "<track> is left out: nothing is painted on the ground here")
-        elif element.tag not in ("robot", "things", "obstacles", "obstacle", "defines"):
+        elif element.tag in ("robot", "things", "obstacles", "obstacle"):
+            differences.look_at_constants(element)
+            if element.tag == "robot" and any(angles_of(element, numbers, "<robot>")[:2]):
+                differences.add(element, "<rot_deg> of <robot> turns about x and y too, and in SimTwo about z alone")
+        elif element.tag != "defines":
             differences.add(element, f"<{element.tag}> is skipped, which SimTwo does not know either")
     differences.tell()
 
@@ -147,5 +158,6 @@ def _tell_sensors(path: Path, section: Element, outer: Numbers, report: Report) 
             tell_sensor(element, numbers, {}, WORLD, differences)
     differences.tell()
     own.raise_problems(file)
+    own.warn(file, stacklevel=6)
     for note in own.notes():
         report.remark(note)

@@ -14,10 +14,16 @@ from ...model import ContactPoint, Immersed, Link, Servo
 from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from ...model.shapes import Box, Cylinder, Geometry, Sphere
 from ..markup import Vector
+from .differences import Differences
 from .expression import Numbers
 
 NOTHING = (0.0, 0.0, 0.0)
 AIR = 1.293  # [kg/m^3] density of the medium in SimTwo
+BELT = "SimTwo's script moves its surface, and here only that of the ground moves, by Ground(velocity=...)"
+THRUST = (
+    "N s/rad times the angular velocity, is left out: here it is by the square of the speed; give the joint a "
+    "Propeller whose thrust is that over the speed at which it works"
+)
 STEP = 1e-3  # [s] in which SimTwo takes the shares `stokes` and `roll` of the velocities away
 ROLLERS = {"omni": 0.5 * math.pi, "mecanumleft": 0.25 * math.pi, "mecanumright": -0.25 * math.pi}  # angle [rad]
 ROLLING = (1.0, 0.001)  # friction along and across rollers, unless a <surface> of <wheels> states it
@@ -89,6 +95,16 @@ def solid_of(element: Element, numbers: Numbers, unnamed: str = "", massless: bo
         solid = rolling(solid, geometry.radius, ROLLERS[kind], *ROLLING)
     immersed = [*_drag(element, numbers, solid, inertia, outlines), *_buoyancy(element, numbers, solid)]
     return solid._replace(immersed=tuple(immersed))
+
+
+def tell_driven(element: Element, numbers: Numbers, differences: Differences) -> None:
+    """Add what a belt and a propeller do in SimTwo alone."""
+    name = attribute(element, "ID", "value", "")
+    if element.tag == "belt":
+        differences.add(element, f"<belt> {name!r} is a box at rest: {BELT}", doubt=True)
+    elif element.tag == "propeller":
+        thrust = numbers.one(element.find("thrust"), "coefficient", 0.1, f"solid {name!r} <thrust>")
+        differences.add(element, f"the thrust of <propeller> {name!r}, {thrust:g} {THRUST}", doubt=True)
 
 
 def rolling(solid: Solid, radius: float, angle: float, along: float, across: float) -> Solid:
