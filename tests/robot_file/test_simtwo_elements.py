@@ -290,3 +290,31 @@ def test_a_scene_says_what_of_it_is_not_read(tmp_path):
     with pytest.raises(RobotFileError, match=r"belt|none\.xml"):
         load_scene(tmp_path / "scene.xml", strict=True)
     assert any("load_scene reads all" in note for note in quiet(tmp_path / "scene.xml").notes)
+
+
+def refused(path):
+    """Whether a file is refused, with what is wrong in it."""
+    try:
+        quiet(path)
+    except RobotFileError as error:
+        return "1/0" in str(error)
+    return False
+
+
+def test_every_number_is_read_or_named(tmp_path):
+    """A number that has no value refuses the file, or else a note names its element."""
+    shell = '<shells><sphere><mass value="1"/><size radius="2"/><surface mu="1" bounce="0.2"/></sphere></shells>'
+    text = (CART % (SENSORS + shell)).replace("</cuboid>", '<drag stokes="1" roll="2"/><buoyant mass="-1"/></cuboid>')
+    numbers = list(re.finditer(r'="([-\d.]+)"', text))
+    assert len(numbers) > 40
+    for found in numbers:
+        path = written(tmp_path, text[: found.start(1)] + "1/0" + text[found.end(1) :])
+        if not refused(path):
+            line = text[: found.start()].count("\n") + 1
+            assert any(re.match(rf"cart\.xml, lines? .*\b{line}\b", note) for note in quiet(path).notes), found
+
+
+def test_the_tiniest_solids_have_drag(tmp_path):
+    solid = '<sphere><ID value="a"/><radius value="1e-70"/><drag coefficient="1"/></sphere>'
+    scene = quiet(written(tmp_path, f"<scene><things>{solid}</things></scene>"), load_scene)
+    assert scene.member("a").model.immersed[0].drag == 1.0

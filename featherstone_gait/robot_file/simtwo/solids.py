@@ -130,9 +130,9 @@ def _drag(
     what = f"solid {solid.link.name!r} <drag>"
     shares = (("coefficient", 0.0), ("stokes", 1e-5), ("roll", 1e-3))
     drag, linear, roll = (numbers.one(stated, name, default, what) for name, default in shares)
-    r, turning = _ball_radius(solid.geometry), NOTHING
-    if drag and r > 0:
-        x, y, z = (outline * roll / r**5 for outline in outlines)
+    fifth, turning = _ball_radius(solid.geometry) ** 5, NOTHING
+    if drag and fifth > 0:  # which it is not of the tiniest
+        x, y, z = (outline * roll / fifth for outline in outlines)
         turning = (x, y, z)
     a, b, c = (inertia[k] * roll / STEP for k in (0, 3, 5))
     acting = Immersed(
