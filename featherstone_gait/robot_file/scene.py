@@ -109,6 +109,8 @@ def _simtwo(path: Path, markup: Markup, strict: bool) -> SceneModel:
     members += things
     if root.tag == "scene":
         tell_scene(path, root, whole)
+    if len(members) + len(obstacles) > 1:
+        whole.remark('bodies touch the ground alone: give pairs="all" to compile_scene to let them touch as in SimTwo')
     whole.raise_problems(path)
     whole.warn(path, stacklevel=4)
     notes = (*whole.notes(), *remarks, *more)

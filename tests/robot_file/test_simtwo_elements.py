@@ -186,6 +186,7 @@ SENSORS = """<sensors>
     <floorline><ID value="line"/></floorline>
     <imu><ID value="gyro"/></imu>
   </sensors>
+  <tools><sonar><ID value="rim"/><solid id="Tyre 90"/></sonar><sonar><ID value="lost"/><solid id="x"/></sonar></tools>
   <tools><solenoid><ID value="grip"/><force fmax="10"/></solenoid></tools>"""
 
 
@@ -204,6 +205,9 @@ def test_notes_name_the_range_sensors_that_do_the_same(tmp_path):
     assert (sonar.nearest, sonar.reach) == (True, 2.0)
     _, fixed = call(notes, "fixed")
     np.testing.assert_allclose(fixed.mounted, [[0.5, 0.0, 0.0, 1.0, 0.0, 0.0]], atol=1e-8)
+    assert call(notes, "rim")[1].link == "Tyre 90"
+    assert call(notes, "lost")[1].link == "box"
+    assert any("'lost' names no solid" in one for one in notes)
     for name in ("line", "gyro", "grip"):
         assert any(f"{name!r} is left out: " in one for one in notes), name
 
@@ -285,6 +289,7 @@ def test_a_scene_says_what_of_it_is_not_read(tmp_path):
     (point,) = scene.member("roll").model.contacts
     assert point.roller_angle == math.pi / 2
     left = {"<rot_deg>": 2, "<noconst>": 2, "<track>": 3, "<nobstacle>": 4, "<belt>": 6, "none.xml": 7}
+    assert any('pairs="all"' in note for note in scene.notes)
     for word, line in left.items():
         assert any(note.startswith(f"scene.xml, line {line}: ") and word in note for note in scene.notes), word
     with pytest.raises(RobotFileError, match=r"belt|none\.xml"):

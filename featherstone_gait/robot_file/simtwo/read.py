@@ -72,10 +72,10 @@ def read_simtwo(
     for axis in axes:
         with report.blaming(axis.element):
             joints.append(_joint(axis, origins.get(axis.parent, NOTHING)))
-    _tell(body, numbers, solids, origins, member, report, differences)
+    everything = [*solids, *(solid for solid, _ in parts)]
+    _tell(body, numbers, everything, origins, member, report, differences)
     report.raise_problems(file)
     fixed = any(WORLD in (axis.parent, axis.child) for axis in axes)
-    everything = [*solids, *(solid for solid, _ in parts)]
     return _robot(member or name, pose, everything, axes, joints, base or ("fixed" if fixed else "floating"))
 
 

@@ -52,8 +52,11 @@ def tell_sensor(
     elif element.tag in OTHERS:
         differences.add(element, f"{what} is left out: {OTHERS[element.tag]}")
     elif element.tag in RAYS.split():
-        solid = element.find("solid")
-        carrier = first if solid is None else carriers.get(solid.get("id", ""), first)
+        solid, carrier = element.find("solid"), first
+        if solid is not None:
+            carrier = carriers.get(solid.get("id", ""), first)
+            if solid.get("id") not in carriers:
+                differences.add(element, f"{what} names no solid that is there: it is on {first.link!r}, as in SimTwo")
         differences.add(element, f"{what} is left out: use {_range_sensor(element, numbers, carrier, name)}")
 
 
