@@ -87,6 +87,29 @@ def test_omni_wheels_roll_across_their_axis_alone(tmp_path):
     assert [point.roller_angle for point in chosen.contacts].count(math.pi / 2) == 1
 
 
+@pytest.mark.long
+def test_three_omni_wheels_go_in_any_direction(tmp_path):
+    """Sliding without turning, the robot shares its momentum with the wheels, until these roll by their share of it."""
+    text = """<robot>
+      <solids><cylinder><ID value="disc"/><mass value="2"/><size x="0.1" z="0.04"/><pos z="0.06"/></cylinder></solids>
+      <wheels>
+        <default><tyre mass="0.4" radius="0.05" width="0.02" centerdist="0.2"/><surface mu="0.8" mu2="0"/><omni/>
+          <motor active="0"/><friction bv="0" fc="0"/></default>
+        <wheel><axis angle="0"/></wheel><wheel><axis angle="120"/></wheel><wheel><axis angle="240"/></wheel>
+      </wheels></robot>"""
+    scene = compile_scene(quiet(written(tmp_path, text), load_scene))
+    start = initial_state(scene)
+    speeds = scene.state_view(start).base_qd
+    speeds[0], speeds[1] = 0.5, 0.2
+    run = simulate(scene, 0.5, start, record=("base_qd", "qd"))
+    assert run.success
+    end = run["base_qd"][-1, :2]
+    assert end == pytest.approx(np.array([0.5, 0.2]) * 3.2 / (3.2 + 0.75 * 0.4), rel=5e-3)
+    angles = np.radians([0.0, 120.0, 240.0])
+    rolling = (-np.sin(angles) * end[0] + np.cos(angles) * end[1]) / 0.05
+    assert np.abs(run["qd"][-1]) == pytest.approx(np.abs(rolling), rel=5e-3)
+
+
 @pytest.mark.parametrize(("kind", "angle"), [("omni", 90), ("mecanumleft", 45), ("mecanumright", -45)])
 def test_cylinders_can_be_wheels_with_rollers(tmp_path, kind, angle):
     text = f"""<robot><solids><cuboid><ID value="box"/></cuboid>
