@@ -181,6 +181,30 @@ def test_a_floating_ball_loses_its_speed_as_in_simtwo(tmp_path):
     assert np.abs(end[2]) < 1e-6
 
 
+def test_a_solid_in_the_frame_of_another_is_the_same_as_in_that_of_the_robot(tmp_path):
+    text = """<robot><solids><cuboid><ID value="base"/><pos x="1" z="0.5"/><rot_deg z="90"/></cuboid>
+      <cylinder><ID value="wheel" kind="omni"/><size x="0.1" z="0.02"/>%s<drag/><buoyant mass="-1" %s="0.1"/></cylinder>
+      </solids><articulations><joint><ID value="turn"/><pos x="1" y="0.3" z="0.5"/><axis %s x="0"/>
+      <connect B1="wheel" B2="base"/><type value="Hinge"/></joint></articulations></robot>"""
+    placed = '<solid id="base"/><pos x="0.3"/><rot_deg y="90"/>', "z", 'y="1"'
+    plain = '<pos x="1" y="0.3" z="0.5"/><rot_deg x="-90"/>', "z", 'y="1"'
+    one, two = (quiet(written(tmp_path, text % parts), contacts=["wheel"]) for parts in (placed, plain))
+    q = [0.1, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0, 0.4]
+    np.testing.assert_allclose(mass_matrix(one, q), mass_matrix(two, q), atol=1e-12)
+    assert one.contacts[0].axis == pytest.approx(two.contacts[0].axis, abs=1e-12)
+    assert one.immersed[1].xyz == pytest.approx((0.0, 0.1, 0.0), abs=1e-12)
+    assert two.immersed[1].xyz == pytest.approx((0.0, 0.1, 0.0), abs=1e-12)
+    lost = quiet(written(tmp_path, text.replace("%s<drag/>", '<solid id="x"/><drag/>') % ("z", 'y="1"')))
+    assert any(note.startswith("cart.xml, line 2: a solid names none") for note in lost.notes)
+
+
+def test_shells_have_neither_drag_nor_rollers(tmp_path):
+    shell = '<shells><cylinder><ID value="a" kind="omni"/><drag stokes="1"/></cylinder></shells>'
+    model = quiet(written(tmp_path, CART % shell))
+    assert model.immersed == ()
+    assert sum("in <cylinder> is not read" in note for note in model.notes) == 2
+
+
 def test_solids_without_gravity_bear_their_weight(tmp_path):
     model = quiet(written(tmp_path, (CART % "").replace('<pos z="0.1"/>', '<pos z="0.1"/><nogravity/>')))
     assert [link.gravity_compensation for link in model.links] == [1.0, 0.0, 0.0, 0.0]

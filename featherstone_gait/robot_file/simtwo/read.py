@@ -23,7 +23,7 @@ from .differences import SECTIONS, Differences, merge_repeated
 from .expression import Numbers, constants_of
 from .motors import Parts, parts_of, servo_of, spring_of
 from .sensors import Carrier, tell_sensor
-from .solids import AIR, NOTHING, Axis, Solid, angles_of, attribute, shell_of, solid_of, tell_driven
+from .solids import AIR, NOTHING, Axis, Solid, angles_of, attribute, placed_in, shell_of, solid_of, tell_driven
 from .wheels import wheels_of
 
 WORLD = "world"
@@ -130,13 +130,17 @@ def _all(root: Element, tag: str) -> list[Element]:
 
 def _solids(body: Element, numbers: Numbers, report: Report, differences: Differences) -> list[Solid]:
     """Read the valid solids; report what is wrong with others, and what some do in SimTwo alone."""
-    solids, elements = [], [element for element in _all(body, "solids") if element.tag in KINDS]
+    solids: list[Solid] = []
+    elements = [element for element in _all(body, "solids") if element.tag in KINDS]
     for element in elements:
-        name = attribute(element, "ID", "value", "")
-        if element.find("solid") is not None:
-            report.refuse(element, f"solid {name!r} is placed in another's frame; give its place in the robot's")
         with report.blaming(element):
-            solids.append(solid_of(element, numbers))
+            solid, named = solid_of(element, numbers), element.find("solid")
+            if named is not None:
+                mothers = [one for one in solids if one.link.name == named.get("id")]
+                solid = placed_in(mothers[0], solid) if mothers else solid
+                if not mothers:
+                    differences.add(element, "a solid names none before it: it is in the robot's frame, as in SimTwo")
+            solids.append(solid)
             tell_driven(element, numbers, differences)
     if not elements:
         report.refuse(body, "there is no solid; a robot needs one: give the file that has <solids>")

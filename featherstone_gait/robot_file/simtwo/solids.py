@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 from xml.etree.ElementTree import Element
 
@@ -172,15 +173,31 @@ def _buoyancy(element: Element, numbers: Numbers, solid: Solid) -> list[Immersed
     return found
 
 
+def placed_in(mother: Solid, solid: Solid) -> Solid:
+    """Return a solid that is stated in another's frame."""
+    R = rotation_from_rpy(mother.rpy)
+
+    def turned(vector: Vector) -> Vector:
+        x, y, z = applied(R, np.array(vector)).tolist()
+        return x, y, z
+
+    x, y, z = (a + b for a, b in zip(mother.position, turned(solid.position)))
+    rpy, rollers = rpy_from_rotation(product(R, rotation_from_rpy(solid.rpy))), solid.rollers
+    return solid._replace(
+        link=replace(solid.link, inertia=inertia_tuple(turned_inertia(R, solid.link.inertia))),
+        position=(x, y, z),
+        rpy=rpy,
+        immersed=tuple(replace(one, xyz=turned(one.xyz), rpy=rpy) for one in solid.immersed),
+        rollers=rollers and replace(rollers, axis=turned(rollers.axis)),
+    )
+
+
 def shell_of(element: Element, numbers: Numbers, mother: Solid, name: str) -> tuple[Solid, Axis]:
     """Read a shell, which is fixed to a solid and placed in its frame."""
-    shell, R = solid_of(element, numbers, name, massless=True), rotation_from_rpy(mother.rpy)
-    x, y, z = (np.array(mother.position) + applied(R, np.array(shell.position))).tolist()
-    rpy = rpy_from_rotation(product(R, rotation_from_rpy(shell.rpy)))
-    inertia = inertia_tuple(turned_inertia(R, shell.link.inertia))
-    link = Link(name, shell.link.mass, NOTHING, inertia, mother.link.gravity_compensation)
-    axis = Axis(name, "Fixed", mother.link.name, name, (x, y, z), (1.0, 0.0, 0.0), NOTHING[:2], None, {}, element)
-    return shell._replace(link=link, position=(x, y, z), rpy=rpy), axis
+    shell = placed_in(mother, solid_of(element, numbers, name, massless=True))
+    link = replace(shell.link, name=name, gravity_compensation=mother.link.gravity_compensation)
+    axis = Axis(name, "Fixed", mother.link.name, name, shell.position, (1.0, 0.0, 0.0), NOTHING[:2], None, {}, element)
+    return shell._replace(link=link, immersed=(), rollers=None), axis
 
 
 def _cuboid(element: Element, numbers: Numbers, what: str) -> Shaped:
