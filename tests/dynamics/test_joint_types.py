@@ -327,7 +327,7 @@ def test_other_engines_write_quaternions_of_ball_joints_their_way():
     ("given", "says"),
     [
         ({"type": "ball", "lower": -1.0, "upper": 1.0}, "'ball' has limits"),
-        ({"type": "ball", "stiffness": 3.0}, "stiffness"),
+        ({"type": "planar", "stiffness": 3.0}, "stiffness"),
         ({"type": "revolute", "pitch": 0.1, "lower": -1.0, "upper": 1.0}, "pitch"),
         ({"type": "revolute", "axis2": (0.0, 1.0, 0.0), "lower": -1.0, "upper": 1.0}, "axis2"),
         ({"type": "universal", "axis2": (1.0, 0.0, 0.0)}, "parallel"),
