@@ -32,7 +32,10 @@ def test_a_start_in_gimbal_lock_is_refused_by_name(integrator):
 def test_a_run_into_gimbal_lock_ends_there_at_once():
     """The pendulum falls through its lowest point, where the outer and the inner hinge are one."""
     scene = compile_scene(gimbal())
-    run = simulate(scene, 2.0, initial_state(scene, [0.3, 1.0, -0.2]))
+    run = simulate(scene, 2.0, initial_state(scene, [0.3, 1.0, -0.2]), record=("q",), record_interval=0.01)
     assert run.status == "step too small"
+    ended = run["time"] > run.end_time + 1e-9
+    assert 20 < ended.sum() < 180
+    np.testing.assert_array_equal(run["q"][ended], np.tile(run["q"][-1], (ended.sum(), 1)))
     assert all(name in run.message for name in ("'yaw'", "'roll'", "pitch at 3.142 rad"))
     assert run.info["steps"] + run.info["rejected_steps"] < 2e4
