@@ -239,6 +239,7 @@ def project_euler(loops, scene, offsets, scratch, h, y):
         which, span = _set(loops.joined, loops, scene.trees, n)
         if span[1] > span[0]:
             _factor_again(scene.pairs, which, span, loops, scene, offsets, work, y)
+            _factor_again(scene.fluid, which, span, loops, scene, offsets, work, y)  # without the mass that a fluid adds
             _unbend(which, span, loops, scene, offsets, work, h, y)
             _move_bodies(which, scene, offsets, y, scratch.W)
             _fill(span, loops, scene, offsets, work, y)
@@ -247,8 +248,8 @@ def project_euler(loops, scene, offsets, scratch, h, y):
 
 
 @if_present()
-def _factor_again(pairs, which, span, loops, scene, offsets, scratch, y):
-    """Fill the factors of the poses in W, where loops and pairs have been solved together in others."""
+def _factor_again(other, which, span, loops, scene, offsets, scratch, y):
+    """Fill the factors of the poses in W, where loops have been solved in others, with pairs or in a fluid."""
     _factor(which, span, loops, scene, offsets, scratch, y)
 
 
