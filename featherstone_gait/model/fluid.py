@@ -168,6 +168,10 @@ class Immersed:
             raise ValueError(f"{what}: the law {self.law!r} does not read {quoted(given)}: leave them out")
         if self.law != "smooth" and (self.buoyant or not isinstance(self.geometry, Box)):
             raise ValueError(f"{what}: the law {self.law!r} takes a Box, and buoyant=False: write these")
+        if self.law != "smooth" and self.stokes != 1.0:
+            raise ValueError(f"{what}: the law {self.law!r} does not read stokes, here {self.stokes!r}: leave it out")
+        if self.law != "ellipsoid" and self.fluidcoef != MUJOCO_COEFFICIENTS:
+            raise ValueError(f"{what}: fluidcoef is of the law 'ellipsoid', and its law is {self.law!r}: leave it out")
 
     def along_axes(self, name: str) -> tuple[float, float, float]:
         """Return a coefficient along the three axes."""

@@ -82,6 +82,9 @@ class ContactPoint:
             remedy = "pi/2 is an omni wheel, pi/4 a mecanum wheel"
             check(number_flaws(what, "roller_angle", self.roller_angle, "finite", "rad", remedy))
             check(angle_flaws(what, "roller_angle", (self.roller_angle,)))
+        elif self.roller_friction:
+            given = f"roller_friction is {self.roller_friction!r}, and roller_angle None"
+            raise ValueError(f"{what}: {given}: there are no rollers; give their angle, or leave it out")
         round_ = self.circle_radius > 0 or self.roller_angle is not None
         if round_ and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
             raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")

@@ -167,10 +167,10 @@ class Controller:
             raise ValueError("controller: wrap is True, and the law 'pid_speed' follows no angle: leave wrap out")
         if self.law in TORQUE_LAWS:
             for f in fields(self):
-                if f.name in FIRMWARE and getattr(self, f.name) != f.default:
+                if f.name in (*FIRMWARE, "Ki", "Kf") and getattr(self, f.name) != f.default:
                     raise ValueError(
                         f"controller: {f.name} is {getattr(self, f.name)!r}; the law {self.law!r} is continuous and "
-                        "has neither sampling nor voltage: use a sampled law, or leave it out"
+                        "has no integral, sampling or voltage: use a sampled law, or leave it out"
                     )
 
 

@@ -46,7 +46,7 @@ def prepare(
     plan = _plan(scene, duration, record_interval)
     if scene.adaptive:
         o, acts = scene.layout, scene.constants
-        acting = (acts.actuator, acts.friction, acts.stops, acts.contact, acts.fluid, acts.propellers)
+        acting = (acts.actuator, acts.friction, acts.stops, acts.contact, acts.pairs, acts.fluid, acts.propellers)
         works = any(part is not None for part in acting) or driven
         integrated = o["after_integrated" if works else "after_controlled"]
         rtol = scene.rtol if rtol is None else rtol

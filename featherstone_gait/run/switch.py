@@ -60,6 +60,12 @@ def switch_loop(
     view.loop_closed[c] = 0.0
     if not closed:
         return y
+    fluid = scene.constants.fluid
+    if fluid is not None and fluid.added is not None:
+        raise ValueError(
+            f"{model.name}: loop {name!r} would be made by an impact that knows no added mass of a fluid; begin with "
+            "it closed, or leave added_mass, added_inertia and added_matrix out"
+        )
     first = sum(loop.rows for loop in model.loops[:c])
     gap = float(np.abs(gaps_and_speeds(scene, y)[0, first : first + model.loops[c].rows]).max())
     if not gap <= within:

@@ -392,8 +392,10 @@ def compile_scene(
         fluid,
     )
     if isinstance(model, Model):
-        scene = options.pairs is not None or options.loops
-        return _compile_members([model], options) if scene else _compile(model, options)
+        if options.pairs is not None or options.loops:
+            return _compile_members([model], options)
+        _check_immersed(model.name, [model], fluid)
+        return _compile(model, options)
     if isinstance(model, SceneModel):
         own = GRAVITY if model.gravity is None else model.gravity
         options = options._replace(ground=ground or model.ground, gravity=own if gravity is GRAVITY else gravity)
@@ -491,6 +493,7 @@ def _compile_members(
     """Compile several models: each alone, then all tables one after the other."""
     given, options = options, _implicit(options)
     members = _members(models, options)
+    _check_immersed("scene", [member.model for member in members], options.fluid)
     checks = [member.scene.preflight for member in members]
     first = next((one for one in checks if INTEGRATORS[one.integrator].name == "ars343"), checks[0])
     step = min(one.timestep for one in checks)
@@ -547,6 +550,15 @@ def _check_drives(name: str, models: Iterable[Model], sampled: bool) -> None:
         raise ValueError(
             f"{name}: controllers of tendons follow their references at every instant, and the servos of joints are "
             "sampled; give the joints torque laws ('pd', 'pd_clamped'), or the tendons Kp=0 and their forces as tau"
+        )
+
+
+def _check_immersed(name: str, models: Iterable[Model], fluid: Any) -> None:
+    """Raise ValueError for a fluid in which nothing is immersed."""
+    if fluid is not None and not any(model.immersed for model in models):
+        raise ValueError(
+            f"{name}: the fluid acts on nothing, since no robot has immersed shapes; give Model.immersed, or "
+            "[[immersed]] in the file beside the robot, or leave the fluid out"
         )
 
 

@@ -139,7 +139,7 @@ def test_one_implicit_step_is_a_dense_solution(reference):
 
 
 def test_a_reference_of_joints_alone_holds_the_tendons(tmp_path):
-    """What no column says of a drive is the length at the start, and no force."""
+    """A drive without a column holds the length of its tendon at the start, and gets no force from outside."""
     model = arm()
     scene = compile_scene(model, integrator="implicit_euler", timestep=2e-3, gravity=(0.0, 0.0, 0.0))
     q = np.linspace(-0.4, 0.5, 5)

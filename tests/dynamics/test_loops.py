@@ -379,13 +379,20 @@ ROD = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body name="hip" pos="0
 </equality></mujoco>"""
 
 
-def test_rods_on_ball_joints_move_an_ankle_as_in_mujoco(tmp_path):
-    path = tmp_path / "ankle.xml"
+def rods_on_an_ankle(folder):
+    """A floating robot and a closed posture of it."""
+    path = folder / "ankle.xml"
     path.write_text(ROD)
-    model, m = load_robot(path), mujoco.MjModel.from_xml_path(str(path))
-    d, start = mujoco.MjData(m), np.zeros(model.nq)
+    model = load_robot(path)
+    start = np.zeros(model.nq)
     start[[3, model.nq - 8, model.nq - 4]] = 1.0  # the quaternions of base and rods
-    q = close_loops(model, start + 0.05 * np.sin(np.arange(model.nq)))
+    return model, close_loops(model, start + 0.05 * np.sin(np.arange(model.nq)))
+
+
+def test_rods_on_ball_joints_move_an_ankle_as_in_mujoco(tmp_path):
+    model, q = rods_on_an_ankle(tmp_path)
+    m = mujoco.MjModel.from_xml_string(ROD)
+    d = mujoco.MjData(m)
     assert degrees_of_freedom(model, q) == 6 + 3 + 6 - 6
     qd, tau = closed_rates(model, q, 3), np.linspace(-1.0, 1.0, m.nv)
     m.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE

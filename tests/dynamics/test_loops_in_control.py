@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from test_loops import (
-    ROD,
     closed_rates,
     four_bar_angles,
     piston_rate,
     rod_rate,
+    rods_on_an_ankle,
     slider_crank,
     slider_crank_height,
     slider_crank_inertia,
@@ -62,12 +62,7 @@ def test_a_slider_crank_has_the_inertia_of_its_closed_form_by_its_crank():
 
 
 def test_independent_coordinates_move_a_floating_robot_as_its_loops_let_it(tmp_path):
-    path = tmp_path / "ankle.xml"
-    path.write_text(ROD)
-    model = load_robot(path)
-    start = np.zeros(model.nq)
-    start[[3, model.nq - 8, model.nq - 4]] = 1.0
-    q = close_loops(model, start + 0.05 * np.sin(np.arange(model.nq)))
+    model, q = rods_on_an_ankle(tmp_path)
     qd, tau = closed_rates(model, q, 3), np.cos(np.arange(model.nv))
     free = independent_coordinates(model, q, qd)
     assert len(free.indices) == degrees_of_freedom(model, q) == model.nv - 6

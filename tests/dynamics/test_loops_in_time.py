@@ -9,23 +9,27 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from test_loops import (
-    ROD,
     bricard,
     bricard_angles,
     closed_rates,
     four_bar,
     four_bar_angles,
+    four_bar_rates,
     one_freedom,
     piston_place,
     rod_angle,
+    rods_on_an_ankle,
     slider_crank,
     slider_crank_height,
     slider_crank_inertia,
 )
 
 from featherstone_gait import (
+    Cylinder,
     Distribution,
+    Fluid,
     Ground,
+    Immersed,
     Joint,
     Link,
     Loop,
@@ -202,12 +206,7 @@ def test_bricards_loop_keeps_its_energy_and_stays_closed():
 
 @pytest.mark.long
 def test_a_floating_robot_with_rods_keeps_its_momentum(tmp_path):
-    path = tmp_path / "ankle.xml"
-    path.write_text(ROD)
-    model = load_robot(path)
-    start = np.zeros(model.nq)
-    start[[3, model.nq - 8, model.nq - 4]] = 1.0
-    q = close_loops(model, start + 0.05 * np.sin(np.arange(model.nq)))
+    model, q = rods_on_an_ankle(tmp_path)
     qd = 0.3 * closed_rates(model, q, 3)
     scene = compile_scene(model, integrator="rk4", timestep=1e-3, gravity=(0.0, 0.0, 0.0))
     run = simulate(scene, 1.0, initial_state(scene, q, qd), record=("base_q", "q", "base_qd", "qd", "ball_q"),
@@ -355,3 +354,25 @@ def test_error_control_takes_a_four_bar_through_its_dead_point():
         assert np.ptp(energy(model, run["q"], run["qd"]).total) < 10.0 * rtol * 16.0  # [J] that move
         ends.append(run["q"][-1])
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-6)
+
+
+@pytest.mark.long
+def test_a_four_bar_with_added_mass_moves_to_the_order_of_the_integrator():
+    """The loop's forces move what the fluid adds to the links too, of which one link has twice its volume."""
+    dry, x = four_bar(), 0.7
+    crank = Immersed("crank", Cylinder(0.04, 0.3), xyz=(0.15, 0.0, 0.0), rpy=(0.0, np.pi / 2, 0.0), added_mass=2.0)
+    model, q = replace(dry, immersed=(replace(crank, buoyant=False),)), four_bar_angles(x)
+    qd = 3.0 * four_bar_rates(q)
+
+    def end(integrator, h):
+        scene = compile_scene(model, None, None, integrator, h, (0.0, 0.0, 0.0), fluid=Fluid(1000.0))
+        run = simulate(scene, 0.2, initial_state(scene, q, qd), record=("q",), estimate_error=False)
+        assert run.status == "ok"
+        return run["q"][-1, 0]
+
+    exact = end("rk4", 5e-4)
+    assert abs(exact - x) > 0.3
+    for integrator, order, steps in (("implicit_euler", 1, (1e-3, 5e-4)), ("midpoint", 2, (2e-3, 1e-3))):
+        errors = [abs(end(integrator, h) - exact) for h in steps]
+        assert errors[1] < 1e-3
+        assert errors[0] / errors[1] == pytest.approx(2**order, rel=0.2)

@@ -345,7 +345,7 @@ def test_a_scene_says_what_of_it_is_not_read(tmp_path):
 
 
 def refused(path):
-    """Whether a file is refused, with what is wrong in it."""
+    """Return whether a file is refused with a message that names the wrong number."""
     try:
         quiet(path)
     except RobotFileError as error:

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from featherstone_gait import (
+    Fluid,
+    Immersed,
     Joint,
     Link,
     Loop,
     Model,
     Session,
+    Sphere,
     compile_scene,
     energy,
     initial_state,
@@ -165,3 +168,22 @@ def test_loops_that_cannot_close_together_are_refused():
         all_closed = switch_loop(scene, all_closed, name, True)
     assert np.abs(scene.state_view(all_closed).qd).max() < 1e-13
     assert scene.state_view(all_closed).loop_loss.sum() == pytest.approx(2.0, rel=1e-12)
+
+
+def test_a_loop_is_not_made_where_a_fluid_adds_mass():
+    drag = Immersed("light", Sphere(0.05), buoyant=False, drag=0.5)
+    for added, refused in ((0.0, False), (0.5, True)):
+        model = replace(sliders(), immersed=(replace(drag, added_mass=added),))
+        scene = compile_scene(model, integrator="rk4", timestep=1e-3, fluid=Fluid(1000.0))
+        start = initial_state(scene, [0.0, 0.5], [2.0, 0.0], open_loops=["lock"])
+        if refused:
+            with pytest.raises(ValueError, match=r"'lock' would be made by an impact that knows no added mass"):
+                switch_loop(scene, start, "lock", True)
+        else:
+            view = scene.state_view(switch_loop(scene, start, "lock", True))
+            np.testing.assert_allclose(view.qd, [0.5, 0.5], rtol=1e-14)
+
+
+def test_a_fluid_in_which_nothing_is_immersed_is_refused():
+    with pytest.raises(ValueError, match=r"sliders: the fluid acts on nothing.*give Model\.immersed"):
+        compile_scene(sliders(), fluid=Fluid(1000.0))

@@ -239,7 +239,7 @@ def project_euler(loops, scene, offsets, scratch, h, y):
         which, span = _set(loops.joined, loops, scene.trees, n)
         if span[1] > span[0]:
             _factor_again(scene.pairs, which, span, loops, scene, offsets, work, y)
-            _factor_again(scene.fluid, which, span, loops, scene, offsets, work, y)  # without the mass that a fluid adds
+            _factor_again(scene.fluid, which, span, loops, scene, offsets, work, y)  # as at the end: without added mass
             _unbend(which, span, loops, scene, offsets, work, h, y)
             _move_bodies(which, scene, offsets, y, scratch.W)
             _fill(span, loops, scene, offsets, work, y)

@@ -11,7 +11,9 @@ which the way is shortest.
 The length is stationary in the points of contact, so its slope is that of the straight parts: a force along it pulls at
 the ends and where it touches.  Both are continuous where it touches down.
 
-Source: which way is taken is said in MuJoCo's documentation (spatial tendons).
+Where the straight way comes to cross that ray, the length jumps from one side to the other, as in MuJoCo.
+
+Source: MuJoCo's documentation of spatial tendons states which way is taken.
 """
 
 

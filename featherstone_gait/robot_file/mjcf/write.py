@@ -97,7 +97,7 @@ def _remarks(model: Model, ground: Ground | None) -> list[str]:
     if unread_meshes(model):
         remarks.append("left out meshes that MuJoCo does not find or read: " + ", ".join(unread_meshes(model)))
     if hinges := [loop.name for loop in model.loops if loop.kind == "hinge"]:
-        remarks.append("MJCF cannot state loops with a hinge; wrote two points of its axis: " + ", ".join(hinges))
+        remarks.append("MJCF has no hinge among its loops; wrote two points of the axis of " + ", ".join(hinges))
     if model.contacts:
         remarks.append("contact points are small spheres and flat cylinders; shapes touch nothing beside them")
     return remarks

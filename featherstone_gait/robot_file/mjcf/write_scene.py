@@ -77,8 +77,8 @@ def scene_text(scene: SceneModel) -> str:
             SubElement(sections["contact"], "exclude", body1=one, body2=two)
     _write_loops(scene, sections)
     if hinges := [loop.name for loop in scene.loops if loop.kind == "hinge"]:
-        told = f"MJCF cannot state loops with a hinge; wrote two points of its axis: {', '.join(hinges)}"
-        root.insert(0, Comment(f" {told} "))
+        remark = f"MJCF has no hinge among its loops; wrote two points of the axis of {', '.join(hinges)}"
+        root.insert(0, Comment(f" {remark} "))
     if pair_contact(scene.pairs) is not None:
         SubElement(SubElement(root, "custom"), "text", name=PAIRS, data=_stated(scene.pairs))
     root.extend(section for section in sections.values() if len(section))

@@ -86,7 +86,7 @@ DOUBTS = {  # the same where the motion depends on it
 
 
 class Differences:
-    """What differs in a file: sentences with the lines that they are about."""
+    """The differences between a file of SimTwo and what is read of it: sentences, with the lines of the file."""
 
     def __init__(self, file: Path, report: Report) -> None:
         self.file, self.report = file, report

@@ -29,7 +29,7 @@ SOLENOID = "it pulls nothing here; hold with a Loop that `switch_loop` makes and
 
 
 class Carrier(NamedTuple):
-    """What carries a sensor."""
+    """The link that carries a sensor, and where the solid of SimTwo is on it."""
 
     link: str
     position: np.ndarray  # (3,) of the solid's center in the link's frame [m]
