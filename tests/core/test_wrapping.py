@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from mujoco_oracle import mujoco_model
@@ -217,3 +218,24 @@ def test_eight_at_once_have_the_bits_of_one(integrator):
 def test_a_wrong_wrap_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_a_way_on_the_side_of_a_drum_jumps_where_mujocos_does(tmp_path):
+    """The straight way comes to cross the ray away from the side, so that the other way around becomes the shortest."""
+    path = tmp_path / "drum.xml"
+    path.write_text(
+        """<mujoco><worldbody><body name="base"><inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>
+        <site name="s0" pos="-.25 0 .05"/><geom name="drum" type="cylinder" size=".05 .2" euler="90 0 0"/>
+        <site name="up" pos="0 0 .12"/><body><joint axis="0 1 0"/><geom size=".02" pos=".25 0 0"/>
+        <site name="s1" pos=".3 0 0"/></body></body></worldbody><tendon><spatial stiffness="100"><site site="s0"/>
+        <geom geom="drum" sidesite="up"/><site site="s1"/></spatial></tendon></mujoco>"""
+    )
+    model, m = load_robot(path, base="fixed"), mujoco.MjModel.from_xml_path(str(path))
+    d, found, theirs = mujoco.MjData(m), [], []
+    for angle in np.linspace(-3.1, 3.1, 401):
+        d.qpos[0] = angle
+        mujoco.mj_fwdPosition(m, d)
+        found.append(tendon_lengths(model, [angle])[0])
+        theirs.append(d.ten_length[0])
+    np.testing.assert_allclose(found, theirs, rtol=0, atol=1e-12)
+    assert np.abs(np.diff(found)).max() > 0.1
