@@ -79,12 +79,14 @@ from .robot_file import load_robot as load_robot
 from .robot_file import load_servo as load_servo
 from .robot_file import robot_names as robot_names
 from .robot_file import save_robot as save_robot
+from .robot_file import scene_names as scene_names
 from .robot_file.scene import load_scene as load_scene
 from .robot_file.scene import save_scene as save_scene
 from .run.contacts import ContactHistory as ContactHistory
 from .run.overlap import OverlapWarning as OverlapWarning
 from .run.overlap import overlaps as overlaps
 from .run.program import controller as controller
+from .run.program import load_controller as load_controller
 from .run.range_sensor import RangeSensor as RangeSensor
 from .run.range_sensor import ranges as ranges
 from .run.reference import Reference as Reference

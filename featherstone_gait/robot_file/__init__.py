@@ -41,7 +41,7 @@ from .load import load_robot
 from .report import RobotFileError, RobotFileNotFoundError, RobotFileWarning
 from .save import save_robot
 from .servos import gearbox_presets, load_servo
-from .source import robot_names
+from .source import robot_names, scene_names
 
 __all__ = [
     "RobotFileError",
@@ -52,4 +52,5 @@ __all__ = [
     "load_servo",
     "robot_names",
     "save_robot",
+    "scene_names",
 ]

@@ -25,10 +25,11 @@ from .settings import Settings
 from .simtwo.read import file_of, name_of, read_simtwo
 from .simtwo.scene import read_solids, tell_scene
 from .simtwo.solids import AIR
+from .source import scene_path
 
 
 def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
-    """Load a scene of several models from MJCF, TOML or SimTwo.
+    """Load a scene by name, or one of several models from MJCF, TOML or SimTwo.
 
     Of MJCF each body of the world is a member if anything of it moves, else an obstacle, as are the geoms of the world;
     the first plane or height field is the ground.  Geoms that touch it make contact points.  MJCF needs MuJoCo:
@@ -38,7 +39,7 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
     Parameters
     ----------
     path : str or path
-        Path of an .xml, .mjcf or .toml file.
+        A name of `scene_names()`, or the path of an .xml, .mjcf or .toml file.
     strict : bool, optional
         Raise an error in place of the warning about what is ignored.
 
@@ -58,7 +59,7 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
     """
     instance("path", path, (str, os.PathLike), "give the path of an .xml, .mjcf or .toml file")
     truth("strict", strict)
-    path = Path(path)
+    path = scene_path(path)
     with blamed_on(path):
         if path.suffix == ".toml":
             return read_scene_toml(path, strict)

@@ -22,6 +22,17 @@ def robot_names() -> tuple[str, ...]:
     return tuple(sorted(p.stem for p in robots_folder().glob("*/*.urdf") if p.stem == p.parent.name))
 
 
+def scene_names() -> tuple[str, ...]:
+    """Return the names of the scenes that come with the package.
+
+    Returns
+    -------
+    tuple of str
+        Names for `load_scene`, sorted.
+    """
+    return tuple(sorted(p.parent.name for p in robots_folder().glob("*/*_scene.toml")))
+
+
 def robots_folder() -> Path:
     """Return the folder of robots: inside the installed package, or beside it in a source tree."""
     installed = Path(__file__).parents[1] / "robots"
@@ -39,6 +50,19 @@ def robot_path(name_or_path: str | os.PathLike) -> Path:
             "use one of these, or the path of a .urdf, .mjcf or .xml file"
         )
     return robots_folder() / text / f"{text}.urdf"
+
+
+def scene_path(name_or_path: str | os.PathLike) -> Path:
+    """Return the file of a packaged scene, or the path as given; raise RobotFileNotFoundError for other names."""
+    text = os.fspath(name_or_path)
+    if isinstance(name_or_path, os.PathLike) or Path(text).suffix or Path(text).name != text:
+        return Path(text)
+    if text not in scene_names():
+        raise RobotFileNotFoundError(
+            f"{robots_folder()}: there is no scene {text!r}; expected one of {', '.join(scene_names())}: "
+            "use one of these, or the path of an .xml, .mjcf or .toml file"
+        )
+    return robots_folder() / text / f"{text}_scene.toml"
 
 
 def read_bytes(path: Path) -> bytes:

@@ -15,10 +15,13 @@ from __future__ import annotations
 import functools
 import inspect
 import math
+import os
 import sys
 from collections import namedtuple
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Literal, get_args
 
@@ -32,6 +35,8 @@ from ..core.compile.jit import JIT, CompilationError, carray, outside
 from ..core.step import program as core
 from ..core.step.state import IN_STATE
 from ..model import Controller
+from ..robot_file import scene_names
+from ..robot_file.source import scene_path
 from ..scene.compile import CompiledScene
 
 DYNAMICS = __name__.partition(".")[0] + ".dynamics"
@@ -270,6 +275,44 @@ def controller(
     _refuse_python(function)
     _refuse_chance(function)
     return CompiledController(function, size, period, writes)
+
+
+def load_controller(name_or_path: str | os.PathLike) -> CompiledController:
+    """Load the controller of a robot of the package by name, or from a Python file, which is run.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        A name of `scene_names()` that has one, or the path of a file that makes one controller.
+
+    Returns
+    -------
+    CompiledController
+        The controller, for ``simulate(scene, ..., controller=...)``.
+
+    Raises
+    ------
+    ValueError
+        For a scene without a controller, and a file that makes none or several.
+    OSError
+        If the file cannot be read.
+    """
+    instance("name_or_path", name_or_path, (str, os.PathLike), "give a name of scene_names(), or the path of a .py")
+    path = Path(name_or_path)
+    if path.suffix != ".py":
+        path = scene_path(name_or_path).with_name(f"{path.name}.py")
+        if not path.is_file():
+            having = [name for name in scene_names() if (path.parents[1] / name / f"{name}.py").is_file()]
+            raise ValueError(f"{name_or_path}: there is no controller; expected one of {', '.join(having)}: use these")
+    spec = spec_from_file_location(f"{path.stem}_controller", path)
+    assert spec is not None
+    assert spec.loader is not None  # since it ends in .py
+    module = sys.modules[spec.name] = module_from_spec(spec)  # where Numba looks for what it has cached
+    spec.loader.exec_module(module)
+    found = [one for one in vars(module).values() if isinstance(one, CompiledController)]
+    if len(found) != 1:
+        raise ValueError(f"{path}: has {len(found)} controllers; expected one: decorate one with @controller(...)")
+    return found[0]
 
 
 def _refuse_python(function: Callable[..., None]) -> None:

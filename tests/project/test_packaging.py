@@ -22,7 +22,8 @@ from featherstone_gait import cli, robot_names
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
 START = (ROOT / "docs" / "start.md").read_text("utf-8")
-ROBOT_FILES = {str(p.relative_to(ROOT).as_posix()) for p in (ROOT / "robots").rglob("*") if p.is_file()}
+OF_ROBOTS = [p for p in (ROOT / "robots").rglob("*") if p.is_file() and "__pycache__" not in p.parts]
+ROBOT_FILES = {str(p.relative_to(ROOT).as_posix()) for p in OF_ROBOTS}
 
 PROGRAM = """
 import featherstone_gait

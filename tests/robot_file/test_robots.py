@@ -10,6 +10,7 @@ from featherstone_gait.robot_file import gearbox_presets, load_robot, load_servo
 
 G = 9.81  # [m/s^2]
 NAMES = ("arm7", "arm7_spatial", "ax12_arm", "ax12_whole_arm", "humanoid")
+OF_SCENES = ("balancer", "blimp", "omni_robot", "rov")  # test_packaged_scenes.py says how they move
 LEG = ("hip_rotation", "hip_lateral", "hip_front", "knee", "ankle_front", "ankle_lateral")
 ARM = ("front_shoulder", "lateral_shoulder", "elbow")
 TURNED_BY_MIRRORING = ("hip_rotation", "hip_lateral", "ankle_lateral", "lateral_shoulder", "elbow")
@@ -76,15 +77,15 @@ def humanoid():
 
 
 def test_these_robots_come_with_the_package():
-    assert robot_names() == NAMES
+    assert robot_names() == tuple(sorted((*NAMES, *OF_SCENES)))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *OF_SCENES])
 def test_every_robot_survives_saving(tmp_path, name):
     robot = load_robot(name)
     save_robot(robot, tmp_path / "again.urdf")
     again = load_robot(tmp_path / "again.urdf")
-    for part in ("name", "links", "joints", "base", "locked", "servos", "contacts"):
+    for part in ("name", "links", "joints", "base", "locked", "servos", "contacts", "immersed", "propellers"):
         assert getattr(again, part) == getattr(robot, part)
 
 

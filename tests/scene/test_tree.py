@@ -178,5 +178,7 @@ def test_chains_come_in_one_piece_and_parents_first():
 @pytest.mark.parametrize("name", robot_names())
 def test_robots_along_the_axes_keep_exact_entries(name):
     model = load_robot(name, locked=())
-    assert not any(any(joint.rpy) for joint in model.joints)
+    if any(any(joint.rpy) for joint in model.joints):
+        assert name == "omni_robot"  # its axles are 120 degrees apart
+        return
     assert set(np.abs(compile_tree(model).bodies.E).flat) == {0.0, 1.0}

@@ -31,6 +31,7 @@ NO_CALLS = {
         "RobotFileNotFoundError",
         "RobotFileWarning",
         "robot_names",
+        "scene_names",
         "channel_table",
         "Trajectory",
         "Trim",
@@ -302,6 +303,7 @@ def _files() -> Iterator[Call]:
     yield Call("body", fg.body, shape | inertia)
     yield Call("save_scene", fg.save_scene, {"scene": company(), "path": "company.xml"})
     yield Call("load_scene", fg.load_scene, {"path": "company.xml", "strict": False})
+    yield Call("load_controller", fg.load_controller, {"name_or_path": "balancer"})
     yield Call("save_robot", fg.save_robot, {"model": arm(), "path": "saved.urdf", "ground": None})
     yield Call("save_robot", fg.save_robot, {"model": arm(), "path": "saved.xml", "ground": fg.Ground()})
     yield Call("load_servo", fg.load_servo, {"name": "ax12", "gearbox": "physical", "Kp": 10.0, "law": "pid_position"})
