@@ -42,6 +42,7 @@ from .geometry.distance import Clearance as Clearance
 from .geometry.distance import clearance as clearance
 from .model import ContactPoint as ContactPoint
 from .model import Controller as Controller
+from .model import FloorLine as FloorLine
 from .model import Fluid as Fluid
 from .model import Gearbox as Gearbox
 from .model import Ground as Ground
@@ -64,6 +65,9 @@ from .model.pair_contact import PairContact as PairContact
 from .model.placed import Placed as Placed
 from .model.placed import SceneModel as SceneModel
 from .model.rest_posture import nearest_posture as nearest_posture
+from .model.sensor import LineSensor as LineSensor
+from .model.sensor import RangeSensor as RangeSensor
+from .model.sensor import SampledSensor as SampledSensor
 from .model.shapes import Box as Box
 from .model.shapes import Capsule as Capsule
 from .model.shapes import Cylinder as Cylinder
@@ -83,11 +87,11 @@ from .robot_file import scene_names as scene_names
 from .robot_file.scene import load_scene as load_scene
 from .robot_file.scene import save_scene as save_scene
 from .run.contacts import ContactHistory as ContactHistory
+from .run.measure import measure as measure
 from .run.overlap import OverlapWarning as OverlapWarning
 from .run.overlap import overlaps as overlaps
 from .run.program import controller as controller
 from .run.program import load_controller as load_controller
-from .run.range_sensor import RangeSensor as RangeSensor
 from .run.range_sensor import ranges as ranges
 from .run.reference import Reference as Reference
 from .run.session import Session as Session

@@ -1,4 +1,4 @@
-"""Sine, cosine, angle, exponential and power with the bits of the kernels; a libm would differ between systems."""
+"""Elementary functions with the bits of the kernels; a libm would differ between systems."""
 
 from __future__ import annotations
 
@@ -30,6 +30,11 @@ def angle(y: np.ndarray, x: np.ndarray) -> np.ndarray:
 def exp(x: np.ndarray) -> np.ndarray:
     """Compute the exponential of an array."""
     return np.asarray(_exp(x))
+
+
+def log(x: np.ndarray) -> np.ndarray:
+    """Compute the natural logarithm of an array of normal numbers > 0."""
+    return np.asarray(_log(np.asarray(x, dtype=float)))
 
 
 def power(x: float, exponent: float) -> float:

@@ -2,7 +2,7 @@
 
 from .checks import LARGEST
 from .fluid import Fluid, Immersed, Propeller
-from .ground import ContactPoint, Ground, HeightField, stairs
+from .ground import ContactPoint, FloorLine, Ground, HeightField, stairs
 from .links import Joint, Link, Mimic, Spring
 from .loop import Loop
 from .rigid_bodies import Placement, RigidBody, inertia_matrix
@@ -11,8 +11,8 @@ from .servo import FIRMWARE, SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Law,
 from .tendon import Tendon, Via, Wrap
 
 __all__ = [
-    "FIRMWARE", "LARGEST", "SERVO_UNITS", "TORQUE_LAWS", "Base", "ContactPoint", "Controller", "Fluid", "Gearbox",
-    "Ground", "HeightField", "Immersed", "Joint", "Law", "Link", "Loop", "Mimic", "Model", "Placement", "Propeller",
-    "RigidBody", "Servo", "Spring", "Supply", "Tendon", "Via", "Wrap", "depends_on_load_or_speed",
+    "FIRMWARE", "LARGEST", "SERVO_UNITS", "TORQUE_LAWS", "Base", "ContactPoint", "Controller", "FloorLine", "Fluid",
+    "Gearbox", "Ground", "HeightField", "Immersed", "Joint", "Law", "Link", "Loop", "Mimic", "Model", "Placement",
+    "Propeller", "RigidBody", "Servo", "Spring", "Supply", "Tendon", "Via", "Wrap", "depends_on_load_or_speed",
     "depth_first", "inertia_matrix", "rigid_bodies", "stairs",
 ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -129,6 +130,44 @@ class HeightField:
             raise ValueError(f"height field: spacing is {self.spacing!r} m; expected > 0: give the distance of nodes")
 
 
+@dataclass(frozen=True)
+class FloorLine:
+    """A dark line on the ground, which a `LineSensor` sees and nothing feels.
+
+    Its corners are sharp, those of more than a right angle cut off; its ends are straight.
+
+    Attributes
+    ----------
+    points : tuple of (float, float)
+        x and y of the points that straight pieces of its middle join, seen from above [m].  A line whose last point is
+        its first is closed.
+    width : float
+        Its width [m].
+
+    Raises
+    ------
+    ValueError
+        For fewer than two points, points that follow themselves, and numbers out of range.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    width: float = quantity("> 0", "m", 0.02, "0.02 is adhesive tape")
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        check(quantity_flaws("floor line", self))
+        points = listed("floor line: points", self.points, "give x and y of each [m]")
+        check(*(vector_flaws("floor line", "point", point, 2) for point in points))
+        points = [tuple(float(x) for x in point) for point in points]
+        if len(points) < 2:
+            raise ValueError(f"floor line: points has {len(points)}; expected 2 or more: give both ends")
+        for k, (one, other) in enumerate(itertools.pairwise(points)):
+            if one == other:
+                raise ValueError(f"floor line: points {k} and {k + 1} are both {one}; leave one of them out")
+        object.__setattr__(self, "points", tuple(points))
+
+
 @deprecated.fields(sinking="penetration")
 @dataclass(frozen=True)
 class Ground:
@@ -163,6 +202,8 @@ class Ground:
         Angular velocity of the surface, as of a turntable, about the normal through `center` [rad/s].
     center : tuple of float
         x and y of the point about which it turns, where its velocity is `velocity` [m].
+    lines : tuple of FloorLine
+        Dark lines for sensors; they stay where they are, also on a surface that moves.
 
     Raises
     ------
@@ -181,6 +222,7 @@ class Ground:
     velocity: tuple[float, float] = (0.0, 0.0)
     turning: float = quantity("finite", "rad/s", 0.0, "0 is no turntable")
     center: tuple[float, float] = (0.0, 0.0)
+    lines: tuple[FloorLine, ...] = ()
 
     __repr__ = brief
 
@@ -202,6 +244,10 @@ class Ground:
         steps = listed("ground: steps", self.steps, "give (distance, rise) of each [m]")
         check(*(vector_flaws("ground", "step", step, 2) for step in steps))
         object.__setattr__(self, "steps", tuple(tuple(float(x) for x in step) for step in steps))
+        lines = listed("ground: lines", self.lines, "give a list of FloorLine")
+        for line in lines:
+            instance("ground: lines", line, FloorLine, "give FloorLine(points, width) of each")
+        object.__setattr__(self, "lines", tuple(lines))
         if self.field is not None and not isinstance(self.field, HeightField):
             raise ValueError(
                 f"ground: field is {type(self.field).__name__}; expected a HeightField: make one of the array"

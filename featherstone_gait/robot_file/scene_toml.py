@@ -55,7 +55,7 @@ from pathlib import Path
 from typing import Any
 
 from ..geometry.body import body
-from ..model import Fluid, Ground, Loop, Model
+from ..model import FloorLine, Fluid, Ground, Loop, Model
 from ..model.pair_contact import PairContact
 from ..model.placed import OF_SCENE, Placed, SceneModel
 from .load import load_robot
@@ -154,14 +154,16 @@ def _touching(table: Mapping[str, Any]) -> str | tuple[tuple[str, str], ...] | P
 
 
 def _ground(table: dict[str, Any]) -> Ground:
-    """Read [ground]: the numbers of Ground, and its steps; a height field comes from Python."""
-    numbers = tuple(f.name for f in fields(Ground) if f.name not in ("steps", "field", *PLANAR))
-    check_keys(table, (*numbers, *PLANAR, "steps"), "ground")
+    """Read [ground]: the numbers of Ground, its steps and lines; a height field comes from Python."""
+    numbers = tuple(f.name for f in fields(Ground) if f.name not in ("steps", "field", "lines", *PLANAR))
+    check_keys(table, (*numbers, *PLANAR, "steps", "lines"), "ground")
     problems, found = Problems(), dict[str, Any]()
     for key in table:
         with problems.at(table, key):
             if key in PLANAR:
                 found[key] = _numbers(table, key, "ground")
+            elif key == "lines":
+                found[key] = records_of(FloorLine, table[key], "ground.lines")
             else:
                 found[key] = number(table, key, "ground") if key != "steps" else _steps(table[key])
     problems.raise_all()

@@ -268,6 +268,8 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "FluidLaw": string,
     "tuple[float, ...]": _reals,
     "tuple[tuple[float, ...], ...] | None": _matrix,
+    "tuple[tuple[float, float], ...]": _matrix,
+    "tuple[tuple[float, float, float], ...]": _matrix,
 }
 
 

@@ -211,7 +211,7 @@ class Fleet:
 
     def _tick_all(self, failures: list[BaseException]) -> None:
         if self._pool is None or self._pid != os.getpid():  # threads do not survive a fork
-            self._pool, self._pid = ThreadPoolExecutor(self._threads - 1), os.getpid()
+            self._pool, self._pid = ThreadPoolExecutor(max(self._threads - 1, 1)), os.getpid()
         todo = iter(self._work)
         futures = [self._pool.submit(_work_off, todo, failures) for _ in range(self._threads - 1)]
         try:

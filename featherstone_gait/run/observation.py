@@ -3,51 +3,30 @@
 from __future__ import annotations
 
 import copy
-import functools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ..base.arguments import shown
 from ..core.integrate.rollout import OK
-from ..core.step.state import BY_NAME, RECORDABLE, shaped
+from ..core.step.state import BY_NAME, shaped
+from ..model.sensor import SampledSensor
 from ..scene.channels import current_name
-from . import sensors
 from .classify import to_trajectory
 from .compiled_run import CompiledRun
 from .fleet import Fleet
+from .measure import Pace, What, found, here, name_of, noise_of
 from .prepare import each_once, prepare
-from .range_sensor import RangeSensor, ranges
 from .trajectory import Trajectory
-
-SENSORS: dict[str, tuple[Callable[..., Any] | None, tuple[str, ...]]] = {
-    "encoders": (sensors.encoders, ("q",)),
-    "gyroscope": (sensors.gyroscope, ("base_qd",)),
-    "accelerometer": (sensors.accelerometer, ("base_q", "base_qd", "base_qdd")),
-    "sole_forces": (sensors.sole_forces, ("contact_force", "q", "base_q")),
-    "center_of_pressure": (sensors.center_of_pressure, ("contact_force", "q", "base_q")),
-    "contact_positions": (sensors.contact_positions, ("q", "base_q")),
-}
 
 
 class View:
     """Read a channel or sensor of all robots, into an array that is used again."""
 
-    def __init__(self, fleet: Fleet, tick: float, what: str | RangeSensor) -> None:
-        self.name: str = what.name if isinstance(what, RangeSensor) else what
-        name = current_name(self.name)
-        if isinstance(what, RangeSensor):
-            self._sensor: Callable[..., Any] | None = functools.partial(ranges, sensor=what)
-            needed: tuple[str, ...] = ("base_q", "q")
-        elif isinstance(name, str) and name in (*RECORDABLE, *SENSORS):
-            self._sensor, needed = SENSORS.get(name, (None, (name,)))
-        else:
-            known = ", ".join((*RECORDABLE, *SENSORS))
-            raise ValueError(f"observe: there is no channel or sensor {shown(name)}; there are {known}")
-        self._channel = name
-        if not fleet.runs[0].scene.tree.floating:
-            needed = tuple(need for need in needed if self._sensor is None or not need.startswith("base"))
+    def __init__(self, fleet: Fleet, tick: float, what: What) -> None:
+        self.name: str = name_of(what)
+        inner = what.sensor if isinstance(what, SampledSensor) else what
+        self._reading, needed = found(what)
+        needed, name = here(fleet.runs[0].scene, needed), current_name(inner) if isinstance(inner, str) else ""
         self._runs = each_once(lambda run: prepare(run.scene, tick, needed), fleet.runs)
         self._values = np.zeros((len(fleet.runs), len(self._runs[0].channels)))
         self._copies = []
@@ -57,7 +36,7 @@ class View:
                 part = slice(int(part[0]), int(part[-1]) + 1)
             self._copies.append(group.reader(part, self._values))
         turning = name == "q" and fleet.runs[0].scene.tree.balls is not None  # quaternions stand elsewhere
-        plain = self._sensor is None and BY_NAME[name].kind != "computed" and not turning
+        plain = name in BY_NAME and BY_NAME[name].kind != "computed" and not turning
         self._shaped = shaped(BY_NAME[name], self._values) if plain else None
         self._result: Any = None
 
@@ -67,14 +46,14 @@ class View:
             copy_part()
         if self._shaped is not None:
             return self._shaped
-        found = self._computed()
+        computed = self._computed()
         if self._result is None:
-            self._result = copy.deepcopy(found)
-        elif isinstance(found, dict):
-            for link, values in found.items():
+            self._result = copy.deepcopy(computed)
+        elif isinstance(computed, dict):
+            for link, values in computed.items():
                 np.copyto(self._result[link], values)
         else:
-            np.copyto(self._result, found)
+            np.copyto(self._result, computed)
         return self._result
 
     def _computed(self) -> Any:
@@ -87,8 +66,59 @@ class View:
         return np.concatenate(each)
 
     def _of(self, run: CompiledRun, values: np.ndarray) -> Any:
-        named = run.named(values)
-        return named[self._channel] if self._sensor is None else self._sensor(run.scene, named)
+        return self._reading(run.scene, run.named(values))
+
+
+class SampledView:
+    """What a sampled sensor of all robots has answered last; `take` measures, once a tick."""
+
+    def __init__(self, fleet: Fleet, tick: float, sensor: SampledSensor) -> None:
+        self.name, self.sensor, self._pace = sensor.name, sensor, Pace(sensor, tick, "ticks")
+        self._exact, self._tick, self._robots = View(fleet, tick, sensor), tick, np.arange(len(fleet.runs))
+        depth = self._pace.delay // self._pace.period + 2
+        self._answers: np.ndarray | None = None  # (depth, robots, ...), by the number of the measurement
+        self._depth, self._age = depth, np.zeros(len(fleet.runs), np.int64)
+        self._result: np.ndarray | None = None
+
+    def __call__(self) -> np.ndarray:
+        """Return the present answers."""
+        assert self._answers is not None
+        number = np.maximum((self._age - self._pace.delay) // self._pace.period, 0)
+        answers = self._answers[number % self._depth, self._robots]
+        if self._result is None:
+            self._result = answers
+        else:
+            np.copyto(self._result, answers)
+        return self._result
+
+    def take(self, time: np.ndarray, begun: np.ndarray | None = None) -> None:
+        """Measure where it is due at the times of the robots (n,) [s]; begun (n,) bool: those that are at a start."""
+        self._age = np.rint(time / self._tick).astype(np.int64)
+        begun = np.zeros(len(self._age), bool) if begun is None else begun
+        due = np.flatnonzero(begun | (self._age % self._pace.period == 0))
+        if not len(due):
+            return
+        exact, number = np.asarray(self._exact()), self._age[due] // self._pace.period
+        values = exact[due] + noise_of(self.sensor, exact.shape[1:], due, number)
+        if self._answers is None:
+            self._answers = np.zeros((self._depth, *exact.shape))
+        self._answers[number % self._depth, due] = values
+        first = begun[due]
+        self._answers[:, due[first]] = values[first]
+
+    def kept(self) -> np.ndarray:
+        """Return a copy of what it goes on from."""
+        assert self._answers is not None
+        return self._answers.copy()
+
+    def restore(self, answers: np.ndarray, time: np.ndarray) -> None:
+        """Go on from what `kept` has returned, at the times of the robots (n,) [s]."""
+        self._answers, self._age = answers.copy(), np.rint(time / self._tick).astype(np.int64)
+
+
+def view_of(fleet: Fleet, tick: float, what: What) -> View | SampledView:
+    """Return what reads a channel or sensor of all robots."""
+    return SampledView(fleet, tick, what) if isinstance(what, SampledSensor) else View(fleet, tick, what)
 
 
 class Log:

@@ -1,159 +1,33 @@
-"""Measure distances along rays: range finders, scanners and sonars on a link, from the channels of a run."""
+"""Measure along rays from a link, from the channels of a run: distances, and how dark the ground is where they end."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..base.arguments import instance, real, shown, vector, whole
-from ..base.brief import brief
-from ..base.fixed_order import applied, product, total
-from ..base.rotation import rotation_from_quaternion, rotation_from_rpy
+from ..base.arguments import instance
+from ..base.fixed_order import applied, product
+from ..base.rotation import rotation_from_quaternion
 from ..core.step.state import BY_NAME
 from ..core.tree.distance import Room
+from ..core.tree.paint import cover
 from ..core.tree.ray import cast_rays
 from ..dynamics import forward_kinematics
 from ..geometry.distance import shape_tables
+from ..model import FloorLine
 from ..model.placed import Placed, link_name
+from ..model.sensor import WORLD, LineSensor, RangeSensor
 from ..scene.channels import owned
 from ..scene.compile import CompiledScene
 from ..scene.forest import Member, shares
 from ..scene.pairs import Solid, of_ground
 from .trajectory import Trajectory
 
-PARALLEL = 1e-9  # length of a direction below which it is none
-WORLD = "world"
-
-
-@dataclass(frozen=True, eq=False)
-class RangeSensor:
-    """Rays from a link, whose lengths to the first shape are measured: collision shapes, obstacles, the ground.
-
-    Shapes of the link itself are transparent. A ray that begins within a shape measures 0, one that meets nothing
-    infinity. Meshes count as their convex hulls.
-
-    Attributes
-    ----------
-    link : str
-        Name of the link that carries it, in a scene of several as "robot/link"; "world" for a fixed place.
-    directions : ndarray, shape (rays, 3)
-        Directions in the sensor's frame, of any length.
-    position : tuple of float
-        Where all rays begin (3,), in the frame of the link [m].
-    rpy : tuple of float
-        Orientation (3,) of the sensor there: roll, pitch and yaw about fixed axes [rad].
-    reach : float
-        Longest distance that it measures [m].
-    nearest : bool
-        Whether it measures the least of all rays alone, as a sonar does.
-    name : str
-        Name in what a session observes.
-
-    Raises
-    ------
-    ValueError
-        For values out of range.
-
-    Examples
-    --------
-    >>> from featherstone_gait import Ground, RangeSensor, compile_scene, load_robot, ranges, simulate
-    >>> scene = compile_scene(load_robot("humanoid"), gearbox="mipsd", ground=Ground())
-    >>> run = simulate(scene, 0.1)
-    >>> down = RangeSensor("world", [[0.0, 0.0, -1.0]], position=(1.0, 0.0, 0.5))
-    >>> float(ranges(scene, run, down)[-1, 0])
-    0.5
-    """
-
-    link: str
-    directions: np.ndarray
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    reach: float = math.inf
-    nearest: bool = False
-    name: str = "range"
-
-    __repr__ = brief
-
-    def __post_init__(self) -> None:
-        instance("range sensor: link", self.link, str, "give the name of a link, or 'world'")
-        instance("range sensor: name", self.name, str, "give a text")
-        instance("range sensor: nearest", self.nearest, bool, "give True or False")
-        directions = _directions(self.directions)
-        if not (self.reach == math.inf and isinstance(self.reach, float)):
-            real("range sensor: reach", self.reach, 0.0, 1e6, "[m]; leave it out for a sensor without limit")
-        object.__setattr__(self, "directions", directions)
-        for name in ("position", "rpy"):
-            value = vector(f"range sensor: {name}", getattr(self, name), 3, "[m]" if name == "position" else "[rad]")
-            object.__setattr__(self, name, tuple(value.tolist()))
-
-    @classmethod
-    def fan(cls, link: str, angle: float, rays: int, **more: Any) -> RangeSensor:
-        """Make a scanner whose rays lie in its x-y plane, evenly about x.
-
-        Parameters
-        ----------
-        link : str
-            Name of the link that carries it.
-        angle : float
-            Angle between the first and the last ray, counterclockwise [rad]; at 2 pi the last is one step before it.
-        rays : int
-            Number of rays.
-        **more
-            Further attributes.
-
-        Returns
-        -------
-        RangeSensor
-            The sensor.
-        """
-        angle = real("range sensor: angle", angle, 0.0, 2.0 * math.pi, "[rad]")
-        count = whole("range sensor: rays", rays, 1, "give their number", 10**6)
-        whole_turn = 2.0 * math.pi - angle < PARALLEL
-        turns = np.linspace(-0.5 * angle, 0.5 * angle, count, endpoint=not whole_turn) if count > 1 else np.zeros(1)
-        return cls(link, np.stack([np.cos(turns), np.sin(turns), 0.0 * turns], axis=1), **more)
-
-    @classmethod
-    def cone(cls, link: str, angle: float, rays: int = 64, **more: Any) -> RangeSensor:
-        """Make a sonar: rays spread evenly over a cone about x, of which the nearest echo counts.
-
-        Parameters
-        ----------
-        link : str
-            Name of the link that carries it.
-        angle : float
-            Opening angle of the cone, from side to side [rad].
-        rays : int
-            Number of rays; the first lies on the axis.
-        **more
-            Further attributes.
-
-        Returns
-        -------
-        RangeSensor
-            The sensor.
-        """
-        angle = real("range sensor: angle", angle, 0.0, math.pi, "[rad]")
-        count = whole("range sensor: rays", rays, 1, "give their number", 10**6)
-        k = np.arange(count)
-        along = 1.0 - (1.0 - math.cos(0.5 * angle)) * k / max(count - 1, 1)  # equal shares of the sphere's area
-        turns, across = k * math.pi * (3.0 - math.sqrt(5.0)), np.sqrt(np.maximum(1.0 - along * along, 0.0))
-        return cls(link, np.stack([along, across * np.cos(turns), across * np.sin(turns)], axis=1),
-                   **{"nearest": True, **more})  # fmt: skip
-
-    @property
-    def mounted(self) -> np.ndarray:
-        """Origins [m] and unit directions of the rays in the frame of the link (rays, 6)."""
-        along = applied(rotation_from_rpy(self.rpy), self.directions)
-        return np.hstack([np.tile(self.position, (len(along), 1)), along])
-
 
 def ranges(scene: CompiledScene, trajectory: Trajectory | Mapping[str, np.ndarray], sensor: RangeSensor) -> np.ndarray:
-    """Measure the distances of a range sensor.
+    """Measure the distances of a range sensor, without noise.
 
     Parameters
     ----------
@@ -167,7 +41,8 @@ def ranges(scene: CompiledScene, trajectory: Trajectory | Mapping[str, np.ndarra
     Returns
     -------
     ndarray, shape (samples, rays)
-        Distances [m], infinite where there is nothing within the reach; one a sample of a sonar.
+        Distances [m], infinite where there is nothing within the reach; one a sample of a sonar; of a sensor with a
+        `curve` voltages [V].
 
     Raises
     ------
@@ -176,36 +51,77 @@ def ranges(scene: CompiledScene, trajectory: Trajectory | Mapping[str, np.ndarra
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     instance("sensor", sensor, RangeSensor, "give a RangeSensor")
-    names, rotation, position = _poses(scene, trajectory)
-    if sensor.link not in names:
-        known = ", ".join(names)
-        raise ValueError(f"{scene.model.name}: sensor {sensor.name!r} is on {sensor.link!r}; links: {known}")
-    solids = list(_solids(scene, names))
+    names, *poses = link_poses(scene, trajectory)
+    found = _cast(scene, names, poses, sensor, list(_solids(scene, names)))
+    found = found.min(axis=1, keepdims=True) if sensor.nearest else found
+    return sensor.voltage(found) if sensor.curve else found
+
+
+def darkness(scene: CompiledScene, channels: Mapping[str, np.ndarray], sensor: LineSensor) -> np.ndarray:
+    """Measure the share (samples, spots) of each spot of a line sensor that is dark."""
+    names, *poses = link_poses(scene, channels)
+    ground = [] if scene.ground is None else list(of_ground(scene.ground, len(names) - 1))
+    far = _cast(scene, names, poses, sensor, ground)
+    rotation, position = (part[:, row_of(scene, names, sensor)] for part in poses)
+    origin, along = np.split(sensor.mounted, 2, axis=1)
+    met = np.isfinite(far)
+    end = origin + np.where(met, far, 0.0)[..., None] * along
+    end = position[:, None] + applied(rotation[:, None], end)
+    discs = np.concatenate([end[..., :2], np.full((*far.shape, 1), sensor.radius)], axis=-1).reshape(-1, 3)
+    quads, out = strips(() if scene.ground is None else scene.ground.lines), np.zeros(len(discs))
+    cover(quads, discs, np.zeros(len(quads), np.int64), out)
+    return np.where(met, out.reshape(far.shape), 1.0)
+
+
+def strips(lines: Sequence[FloorLine]) -> np.ndarray:
+    """Return quadrilaterals (n, 4, 2), counterclockwise, that cover lines [m]: their pieces, and what corners lack."""
+    found = []
+    for line in lines:
+        points, half = np.array(line.points), 0.5 * line.width
+        along = np.diff(points, axis=0)
+        along /= np.sqrt(along[:, :1] * along[:, :1] + along[:, 1:] * along[:, 1:])
+        aside = half * np.stack([-along[:, 1], along[:, 0]], axis=1)
+        for a, b, n in zip(points, points[1:], aside):
+            found.append([a - n, b - n, b + n, a + n])
+        closed = line.points[0] == line.points[-1]
+        corners = itertools.pairwise([*range(len(along)), *([0] if closed else [])])
+        for before, after in corners:
+            p, m, n = points[before + 1], aside[before], aside[after]
+            turn, alike = m[0] * n[1] - m[1] * n[0], m[0] * n[0] + m[1] * n[1]
+            m, n = (-n, -m) if turn < 0.0 else (m, n)  # on the outer side ...
+            m, n = -m, -n
+            if turn != 0.0 and alike >= 0.0:
+                tip = p + (m + n) / (1.0 + alike / (half * half))
+                found.append([p, p + m, tip, p + n])
+            elif turn != 0.0:
+                found.append([p, p + m, p + n, p + n])
+    return np.reshape(found, (-1, 4, 2))
+
+
+def _cast(
+    scene: CompiledScene, names: list[str], poses: Sequence[np.ndarray], sensor: RangeSensor | LineSensor,
+    solids: Sequence[Solid],
+) -> np.ndarray:  # fmt: skip
+    """Return the distances (samples, rays) of a sensor to the first of some solids [m]."""
+    carrier = row_of(scene, names, sensor)
     shapes = shape_tables([solid.shape for solid in solids], [solid.body for solid in solids])
     for row, solid in zip(shapes.table, solids):
         row.r = solid.r + applied(solid.E, row.r)
         row.E = product(solid.E, row.E.reshape(3, 3)).ravel()
-    mounted, out = sensor.mounted, np.zeros((len(rotation), len(sensor.directions)))
-    count = len(shapes.table)
-    room = Room(np.zeros((count, 9)), np.zeros((count, 3)), np.zeros((4, 3)))
-    carrier, rays = names.index(sensor.link), np.zeros((2, 8, len(mounted)))
+    mounted = sensor.mounted
+    out, count = np.zeros((len(poses[0]), len(mounted))), len(shapes.table)
+    room, rays = Room(np.zeros((count, 9)), np.zeros((count, 3)), np.zeros((4, 3))), np.zeros((2, 8, len(mounted)))
     hidden = -1 if sensor.link == WORLD else carrier
-    cast_rays(shapes, room, rotation, position, carrier, hidden, mounted, sensor.reach, rays, out)
-    return out.min(axis=1, keepdims=True) if sensor.nearest else out
+    cast_rays(shapes, room, *poses, carrier, hidden, mounted, sensor.reach, rays, out)
+    return out
 
 
-def _directions(given: ArrayLike) -> np.ndarray:
-    """Return unit directions (rays, 3); raise ValueError for what is none."""
-    try:
-        found = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.ndim != 2 or found.shape[1:] != (3,) or not len(found) or not np.isfinite(found).all():
-        raise ValueError(f"range sensor: directions are {shown(given)}; expected finite numbers (rays, 3): give a list")
-    lengths = np.sqrt(total(found * found))
-    if lengths.min() < PARALLEL:
-        raise ValueError(f"range sensor: direction {int(lengths.argmin())} has no length; give another one")
-    return found / lengths[:, None]
+def row_of(scene: CompiledScene, names: list[str], sensor: RangeSensor | LineSensor) -> int:
+    """Return the row of the link that carries a sensor among all; raise ValueError if there is none."""
+    if sensor.link not in names:
+        known = ", ".join(names)
+        raise ValueError(f"{scene.model.name}: sensor {sensor.name!r} is on {sensor.link!r}; links: {known}")
+    return names.index(sensor.link)
 
 
 def _members(scene: CompiledScene) -> list[Member]:
@@ -213,7 +129,7 @@ def _members(scene: CompiledScene) -> list[Member]:
     return list(scene.members) or [Member(Placed(scene.model), scene)]
 
 
-def _poses(
+def link_poses(
     scene: CompiledScene, channels: Mapping[str, np.ndarray]
 ) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Return the names of all links, the world last, and their poses (samples, links, ...)."""

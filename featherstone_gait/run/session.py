@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, floats, instance, listed, one_of, real, shown, truth, whole
-from ..base.brief import clipped
+from ..base.brief import clipped, in_full
 from ..base.deprecated import attribute, keywords
 from ..base.files import FilePath, Format, complete, read_arrays
 from ..core.effects.push import EVENT_MARGIN
@@ -39,10 +39,10 @@ from .compiled_run import CompiledRun
 from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, edges_on_steps, second_run
 from .fleet import Fleet
 from .lane_constants import numbers_in
-from .observation import Log, View
+from .measure import What, split, with_readings
+from .observation import Log, SampledView, view_of
 from .prepare import coordinates, each_once, most_ticks, prepare, steps_between_records, with_tolerance
 from .program import CompiledController, open_loop, with_ticks
-from .range_sensor import RangeSensor
 from .reference import Reference
 from .start import check_scene, driven_lengths
 from .status import Status
@@ -76,7 +76,8 @@ class Session:
         the joints [N m or N], in scenes without servos.  None: "reference" where there are servos, else "torque".
     observe
         What `observe` and `step` return: channels of `simulate`, the sensors encoders, gyroscope, accelerometer,
-        sole_forces, center_of_pressure and contact_positions, and each `RangeSensor` under its name.
+        sole_forces, center_of_pressure and contact_positions, and sensors such as a `RangeSensor` or a `SampledSensor`,
+        each under its name.
     worlds
         Physical numbers in which the robots differ, one world for each robot.
     seed
@@ -84,7 +85,8 @@ class Session:
     pushes
         External forces, functions of each robot's time.
     record, record_interval
-        Channels for `trajectory`, and the time between their records [s], which divides a tick.  None: a tick.
+        Channels and sensors for `trajectory`, and the time between their records [s], which divides a tick.  None: a
+        tick.
     noise
         Standard deviations (angle [rad], voltage [V]) of what is added at each tick to encoders and voltages.
     rtol, atol
@@ -134,12 +136,12 @@ class Session:
         scene: CompiledScene,
         n: int | None = None,
         action: Action | None = None,
-        observe: Iterable[str | RangeSensor] = ("q", "qd"),
+        observe: Iterable[What] = ("q", "qd"),
         *,
         worlds: Worlds | None = None,
         seed: int = 0,
         pushes: Sequence[Push] = (),
-        record: Iterable[str] = (),
+        record: Iterable[What] = (),
         record_interval: float | None = None,
         noise: tuple[float, float] | None = None,
         rtol: float | None = None,
@@ -155,6 +157,7 @@ class Session:
         given |= {"observe": tuple(_names(observe)), "record": tuple(_names(record, "record"))}
         self.action: Action = _action(scene, action, controller)
         scenes, self.n = _scenes(scene, n, worlds)
+        self._chosen = split(scenes, given["record"])
 
         def driven(one: CompiledScene) -> CompiledScene:
             return _driven(one, self.action, controller)
@@ -174,8 +177,9 @@ class Session:
         self._fleets, self._share = self._compiled(scenes)
         self._runs = self._fleets[0].runs
         self._initial = [_initial_states(fleet.runs) for fleet in self._fleets]
-        self._views = [View(self._fleets[0], self.tick, name) for name in self._given["observe"]]
-        self._log = Log(self._runs, self._given["record"])
+        self._views = [view_of(self._fleets[0], self.tick, one) for one in given["observe"]]
+        self._sampled = [view for view in self._views if isinstance(view, SampledView)]
+        self._log = Log(self._runs, self._chosen.channels or ())
         self._closed, self._lock = False, threading.Lock()
         self._paced, self._due, self.lag = truth("pace", pace), math.nan, 0.0
         lags = np.array([run.scene.lag for run in self._runs])
@@ -196,7 +200,7 @@ class Session:
 
         def first(one: CompiledScene) -> CompiledRun:
             one, r, a = with_tolerance(one, rtol, atol)
-            return prepare(one, tick, given["record"], record_interval, rtol=r, atol=a, **how)
+            return prepare(one, tick, self._chosen.channels, record_interval, rtol=r, atol=a, **how)
 
         def second(one: CompiledScene) -> tuple[CompiledRun, float]:
             one, r, a = with_tolerance(one, rtol, atol)
@@ -240,6 +244,7 @@ class Session:
             if who.all():
                 self._due = math.nan
             self._log.restart(who)
+            self._measure(who)
             return self._observed()
 
     def set_state(self, name: str, values: ArrayLike, mask: ArrayLike | None = None) -> Observation:
@@ -274,6 +279,7 @@ class Session:
                 for group in fleet.groups:
                     for part in parts:
                         group.write_state(who, states, part)
+            self._measure()
             return self._observed()
 
     def switch_loop(
@@ -300,6 +306,7 @@ class Session:
             for fleet, states in zip(self._fleets, changed):
                 for group in fleet.groups:
                     group.write_state(who, states, slice(None))
+            self._measure()
             return self._observed()
 
     def step(self, action: ArrayLike | None = None, ticks: int = 1) -> Observation:
@@ -355,6 +362,7 @@ class Session:
         changing = [x for fleet in self._fleets for group in fleet.groups for x in group.changing()]
         before, records = [x.copy() for x in changing], self._log.count
         draws = [draw.bit_generator.state for draw in self._draws]
+        answers = [view.kept() for view in self._sampled]
 
         def undo() -> None:
             self.__dict__.update(own)
@@ -363,6 +371,8 @@ class Session:
                 x[...] = values
             for draw, state in zip(self._draws, draws):
                 draw.bit_generator.state = state
+            for view, kept in zip(self._sampled, answers):
+                view.restore(kept, self.time)
 
         return undo
 
@@ -389,6 +399,7 @@ class Session:
                 stops.append(stop)
         if self._log.record:
             self._log.take(self._fleets[0])
+        self._measure()
         if len(self._fleets) > 1:
             self._inaccurate |= self._beyond_limit()
         if stops:
@@ -450,6 +461,11 @@ class Session:
         """Return what was chosen to be observed, as arrays (n, ...) that the next step overwrites."""
         with self._alone():
             return self._observed()
+
+    def _measure(self, begun: np.ndarray | None = None) -> None:
+        """Let sampled sensors measure where they are due; begun (n,) bool: robots that are at a start."""
+        for view in self._sampled:
+            view.take(self.time, begun)
 
     def _observed(self) -> Observation:
         return {view.name: view() for view in self._views}
@@ -523,7 +539,8 @@ class Session:
     def trajectory(self, robot: int = 0) -> Trajectory:
         """Return what has been recorded of a robot since its last reset."""
         robot = whole("robot", robot, 0, f"there are {self.n}, 0 the first", self.n - 1)
-        return self._log.trajectory(robot, self._fleets[0])
+        run = self._log.trajectory(robot, self._fleets[0])
+        return with_readings(self._runs[robot].scene, run, self._chosen, robot) if self._chosen.sensors else run
 
     change = attribute("change", "set_state")
     running = attribute("running", "active")
@@ -586,7 +603,7 @@ class Session:
             kept |= {f"{name}{k}": values for name, values in own.items()}
         if self._draws:
             kept["draws"] = np.array([json.dumps(draw.bit_generator.state) for draw in self._draws], "U400")
-        return kept
+        return kept | {f"answers{k}": view.kept() for k, view in enumerate(self._sampled)}
 
     def _digest(self) -> str:
         """Return a hash of all numbers that a step depends on, and of the seed."""
@@ -594,6 +611,7 @@ class Session:
         found.update(repr([given[name] for name in ("seed", "rtol", "atol")]).encode())
         found.update(b"" if given["controller"] is None else given["controller"].digest())
         found.update(b"" if self._deviations is None else self._deviations.tobytes())
+        found.update(in_full([view.sensor for view in self._sampled]).encode() if self._sampled else b"")
         of_scene: dict[int, bytes] = {}
         for run in self._runs:
             if id(run.scene) not in of_scene:
@@ -614,6 +632,8 @@ class Session:
         self._any_fresh = bool(self._fresh.any())
         for draw, state in zip(self._draws, kept["draws"].tolist() if self._draws else ()):
             draw.bit_generator.state = json.loads(state)
+        for k, view in enumerate(self._sampled):
+            view.restore(kept[f"answers{k}"], self.time)
 
     def close(self) -> None:
         """End the threads; the session cannot be stepped after that."""

@@ -39,6 +39,7 @@ from .error_estimate import (
     with_error_estimate,
 )
 from .lane_engine import Source
+from .measure import What, split, with_readings
 from .parts import check_switches, in_parts
 from .prepare import coordinates, each_once, prepare, recorded, with_tolerance
 from .program import CompiledController, with_ticks
@@ -62,7 +63,7 @@ def simulate(
     reference: Reference | None = None,
     tau: Reference | ArrayLike | None = None,
     pushes: Sequence[Push] = (),
-    record: Iterable[str] | None = None,
+    record: Iterable[What] | None = None,
     record_interval: float | None = None,
     *,
     noise: ArrayLike | None = None,
@@ -96,7 +97,9 @@ def simulate(
     pushes
         External forces.
     record
-        Channels to record, see below.  None: "q" and "qd", and of a floating base "base_q" and "base_qd".
+        Channels to record, see below, and sensors, each under its name: objects such as a `RangeSensor` or a
+        `SampledSensor`, encoders, gyroscope, accelerometer, center_of_pressure and contact_positions.  None: "q" and
+        "qd", and of a floating base "base_q" and "base_qd".
     record_interval
         Time between records [s], a whole number of steps.  None: a controller tick.
     noise
@@ -163,7 +166,7 @@ def simulate_batch(
     references: Sequence[Reference | None] | None = None,
     taus: Sequence[Reference | ArrayLike | None] | None = None,
     pushes: Sequence[Push] = (),
-    record: Iterable[str] | None = None,
+    record: Iterable[What] | None = None,
     record_interval: float | None = None,
     *,
     worlds: Worlds | None = None,
@@ -216,18 +219,26 @@ def simulate_batch(
     each = {"states": states, "references": references, "taus": taus, "noises": noises}
     several = controller if isinstance(controller, Iterable) else None
     runs = _runs(scene, worlds, each | {"controller": several})
+    chosen = split(runs["scenes"], record)
+    if chosen.sensors:
+        found = simulate_batch(
+            runs["scenes"], duration, runs["states"], runs["references"], runs["taus"], pushes, chosen.channels,
+            record_interval, executor=executor, noises=runs["noises"], rtol=rtol, atol=atol, switches=switches,
+            estimate_error=estimate_error, controller=controller if several is None else runs["controller"],
+        )  # fmt: skip
+        return [with_readings(*one, chosen, k) for k, one in enumerate(zip(runs["scenes"], found))]
     if switched := check_switches(runs["scenes"], switches):
         if controller is not None:
             raise ValueError("switches: a controller would begin anew where a loop is switched; step a Session instead")
         part = functools.partial(
-            simulate_batch, pushes=pushes, record=record, executor=executor, rtol=rtol, atol=atol,
+            simulate_batch, pushes=pushes, record=chosen.channels, executor=executor, rtol=rtol, atol=atol,
             estimate_error=estimate_error,
         )  # fmt: skip
         return in_parts(runs, duration, record_interval, switched, part)
     acts = runs["controller"] if several is not None else [controller] * len(runs["scenes"])
     columns = zip(runs["scenes"], acts, *(runs[name] for name in each))
     jobs = [Job(one, rtol, atol, record_interval, act, *given) for one, act, *given in columns]
-    how, record = How(duration, pushes, executor), _recorded(runs["scenes"], record)
+    how, record = How(duration, pushes, executor), _recorded(runs["scenes"], chosen.channels)
     if estimate is False:
         return _simulate(jobs, record, how)
     jobs = _changed(_explicit, jobs)
@@ -307,7 +318,7 @@ def _runs(scene: Any, worlds: Worlds | None, each: dict[str, Any]) -> dict[str, 
     return runs
 
 
-def _recorded(scenes: Sequence[CompiledScene], record: Iterable[str] | None) -> tuple[str, ...]:
+def _recorded(scenes: Sequence[CompiledScene], record: Iterable[Any] | None) -> tuple[str, ...]:
     """Return the channels that all runs record; by default those of the joints where some robots do not float."""
     each_once(check_scene, scenes)
     fixed = [one for one in scenes if not one.tree.floating]

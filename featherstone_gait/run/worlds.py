@@ -34,7 +34,7 @@ MOST_RUNS = 10**7
 WIDEST = 10.0  # relative scale
 LEAST_SHARE = 2.0**-53  # of a normal distribution, beyond which nothing is drawn
 FIELDS = {  # numbers that may differ, by section
-    "ground": tuple(f.name for f in dataclasses.fields(Ground) if f.name not in ("steps", "field")),
+    "ground": tuple(f.name for f in dataclasses.fields(Ground) if f.name not in ("steps", "field", "lines")),
     "servos": tuple(
         f.name
         for part in (Servo, Gearbox, Controller)

@@ -15,7 +15,7 @@ from ..base import arguments
 from ..base.arguments import instance, shown, texts, truth
 from ..base.files import FilePath
 from ..base.rotation import rotation_from_quaternion, rpy_from_rotation
-from ..model import Ground, Joint, Link, Model
+from ..model import FloorLine, Ground, Joint, Link, Model
 from ..model.placed import Placed
 from ..model.rest_posture import nearest_posture
 from ..robot_file import load_robot, robot_names
@@ -256,4 +256,5 @@ def _ground(info: Mapping[str, Any], model: Model) -> Ground | None:
     if stored is None:
         return None
     known = {f.name for f in fields(Ground)} - {"field"}
-    return Ground(**{name: value for name, value in stored.items() if name in known})
+    lines = [FloorLine(**line) for line in stored.get("lines", ())]
+    return Ground(**{name: value for name, value in stored.items() if name in known} | {"lines": lines})

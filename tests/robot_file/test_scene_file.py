@@ -13,6 +13,7 @@ from simtwo_scene import ARM as SIMTWO_ARM
 
 from featherstone_gait import (
     Box,
+    FloorLine,
     Ground,
     PairContact,
     Placed,
@@ -83,6 +84,7 @@ excluded = [["left/base", "cup/body"]]
 [ground]
 friction = 0.8
 steps = [[0.5, 0.02]]
+lines = [{points = [[0.0, 0.0], [1.0, 0.0]], width = 0.03}]
 
 [[robots]]
 file = "arm7"
@@ -263,7 +265,8 @@ def test_a_toml_file_names_robots_objects_and_obstacles(tmp_path):
     assert {servo.gearbox for servo in other.model.servos.values()} == {load_servo("ax12a").gearbox}
     assert cup.model.mass == 0.2
     assert scene.obstacles[0].model.shapes[0].geometry == Box((0.8, 0.8, 0.02))
-    assert scene.ground == Ground(0.8, steps=((0.5, 0.02),))
+    lines = (FloorLine(((0.0, 0.0), (1.0, 0.0)), 0.03),)
+    assert scene.ground == Ground(0.8, steps=((0.5, 0.02),), lines=lines)
     assert scene.excluded == (("left/base", "cup/body"),)
 
 

@@ -134,7 +134,10 @@ def _parts() -> Iterator[Call]:
         fg.Fluid(level=0.5),
         fg.Immersed("a", fg.Sphere(0.1), drag=1.0, added_mass=(0.1, 0.2, 0.3)),
         fg.Propeller("one", 1e-4),
-        fg.RangeSensor("a", [[1.0, 0.0, 0.0]], reach=2.0),
+        fg.FloorLine([(0.0, 0.0), (1.0, 0.0)], 0.02),
+        fg.RangeSensor("a", [[1.0, 0.0, 0.0]], reach=2.0, curve=((0.1, 3.0), (0.8, 0.4))),
+        fg.LineSensor("a", [(0.1, 0.0, 0.0)], 0.01),
+        fg.SampledSensor("q", noise=0.1, rate=50.0, delay=0.02, seed=1, name="late"),
         fg.Sphere(1.0),
         fg.Capsule(1.0, 1.0),
         fg.Cylinder(1.0, 1.0),
@@ -235,6 +238,8 @@ def _scenes() -> Iterator[Call]:
     seen = fg.RangeSensor("arm/b", [[1.0, 0.0, 0.0]])
     run = fg.simulate(close, 0.01, estimate_error=False)
     yield Call("ranges", fg.ranges, {"scene": close, "trajectory": run, "sensor": seen})
+    late = fg.SampledSensor(seen, noise=0.1, delay=0.01)
+    yield Call("measure", fg.measure, {"scene": close, "trajectory": run, "sensor": late, "robot": 1})
     yield Call("overlaps", fg.overlaps, {"scene": close, "state": fg.initial_state(close)})
     yield Call("Push", lambda **push: fg.simulate(driven, 0.01, pushes=[fg.Push(**push)]), push[0]._asdict(), True)
     begin = {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "allow_limit_violation": False}

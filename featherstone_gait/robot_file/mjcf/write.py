@@ -81,6 +81,8 @@ def _remarks(model: Model, ground: Ground | None) -> list[str]:
     remarks = [f"left out {what}, which MJCF does not state" for what in _left_out(model)]
     if ground is not None and ground.moves:
         remarks.append("left out the velocity of the ground's surface")
+    if ground is not None and ground.lines:
+        remarks.append("left out the lines on the ground")
     frictions = [point.friction for point in model.contacts] + [shape.friction for shape in model.shapes]
     if ground is None and any(mu is not None for mu in frictions):
         remarks.append("left out the friction that contacts have of their own with a floor: there is none")

@@ -58,6 +58,8 @@ def scene_text(scene: SceneModel) -> str:
         root.append(Comment(f" left out the fluid of density {scene.fluid.density!r}, and what it acts on "))
     if scene.ground is not None and scene.ground.moves:
         root.append(Comment(" left out the velocity of the ground's surface "))
+    if scene.ground is not None and scene.ground.lines:
+        root.append(Comment(" left out the lines on the ground "))
     SubElement(root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true")
     options = {} if scene.gravity is None else {"gravity": _numbers(scene.gravity)}
     SubElement(root, "option", options | ({"cone": "elliptic"} if scene.ground else {}))

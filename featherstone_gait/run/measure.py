@@ -1,0 +1,200 @@
+"""Compute what sensors read from the channels of a run: by name, as objects, with noise, rate and delay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeAlias
+from zlib import crc32
+
+import numpy as np
+
+from ..base.arguments import instance, listed, shown, whole
+from ..base.portable_math import log, sincos
+from ..core.step.state import RECORDABLE
+from ..model.sensor import LineSensor, RangeSensor, SampledSensor, Sensor
+from ..scene.channels import current_name
+from ..scene.compile import CompiledScene
+from . import sensors
+from .range_sensor import darkness, ranges
+from .trajectory import Trajectory
+
+What: TypeAlias = str | Sensor | SampledSensor
+OBJECTS = (RangeSensor, LineSensor, SampledSensor)
+NAMED: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
+    "encoders": (sensors.encoders, ("q",)),
+    "gyroscope": (sensors.gyroscope, ("base_qd",)),
+    "accelerometer": (sensors.accelerometer, ("base_q", "base_qd", "base_qdd")),
+    "sole_forces": (sensors.sole_forces, ("contact_force", "q", "base_q")),
+    "center_of_pressure": (sensors.center_of_pressure, ("contact_force", "q", "base_q")),
+    "contact_positions": (sensors.contact_positions, ("q", "base_q")),
+}
+KINDS: dict[type, tuple[Callable[..., Any], tuple[str, ...]]] = {
+    RangeSensor: (ranges, ("base_q", "q")),
+    LineSensor: (darkness, ("base_q", "q")),
+}
+ON_TIME = 1e-6  # of a record or tick, by which periods and delays may be off
+MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)  # of splitmix64 (G. Steele, D. Lea, C. Flood, OOPSLA 2014)
+GOLDEN = 0x9E3779B97F4A7C15
+
+
+def measure(
+    scene: CompiledScene, trajectory: Trajectory | Mapping[str, np.ndarray], sensor: What, robot: int = 0
+) -> np.ndarray:
+    """Compute what a sensor has read at each record of a run.
+
+    ``simulate(..., record=(sensor,))`` does the same, and records the channels that it needs.
+
+    Parameters
+    ----------
+    scene : CompiledScene
+        The scene of the run.
+    trajectory : Trajectory
+        What `simulate` returns, with the channels that the sensor needs.
+    sensor : a sensor, or str
+        A sensor, one of encoders, gyroscope, accelerometer, center_of_pressure and contact_positions, or a channel.
+    robot : int
+        Number of the run in a batch, or of the robot in a session, of which its noise depends.
+
+    Returns
+    -------
+    ndarray, shape (samples, ...)
+        What it has read, in its unit.
+
+    Raises
+    ------
+    ValueError
+        A channel was not recorded, the sensor does not fit the scene, or its period or delay the time between records.
+    """
+    instance("scene", scene, CompiledScene, "give what compile_scene returns")
+    instance("trajectory", trajectory, Mapping, "give what simulate returns")
+    robot = whole("robot", robot, 0, "it is the number of the run in a batch")
+    function, needed = found(sensor)
+    if missing := [name for name in here(scene, needed) if name not in trajectory]:
+        raise ValueError(f"trajectory: channels {missing} were not recorded; name them in simulate(record=...)")
+    exact = function(scene, trajectory)
+    if not isinstance(sensor, SampledSensor):
+        return exact
+    time = np.asarray(trajectory["time"])
+    interval = float(time[1] - time[0]) if len(time) > 1 else 1.0 / (sensor.rate or 1.0)
+    pace = Pace(sensor, interval, "records")
+    age = np.rint(time / interval).astype(np.int64)
+    first = age[0] // pace.period
+    number = np.maximum((age - pace.delay) // pace.period, first)
+    return exact[np.maximum(number * pace.period - age[0], 0)] + noise_of(sensor, exact.shape[1:], robot, number)
+
+
+class Pace:
+    """Period and delay of a sampled sensor in whole ticks or records."""
+
+    def __init__(self, sensor: SampledSensor, interval: float, of: str) -> None:
+        self.period = 1
+        if sensor.rate is not None:
+            self.period = _whole_in(sensor, "period", 1.0 / sensor.rate, interval, of, 1)
+        self.delay = _whole_in(sensor, "delay", sensor.delay, interval, of, 0)
+
+
+def _whole_in(sensor: SampledSensor, what: str, span: float, interval: float, of: str, least: int) -> int:
+    count = round(span / interval)
+    if count < least or abs(count - span / interval) > ON_TIME:
+        raise ValueError(
+            f"sampled sensor {sensor.name!r}: its {what} of {span:g} s is not a whole number of {of} of {interval:g} s"
+            f": change its {'rate' if least else what}, or the time between {of}"
+        )
+    return count
+
+
+def noise_of(
+    sensor: SampledSensor, shape: tuple[int, ...], robot: int | np.ndarray, number: np.ndarray
+) -> np.ndarray | float:
+    """Return the noise (n, *shape) of measurements (n,) by their number, of one robot or of one each."""
+    deviation = np.array(sensor.noise)
+    if not deviation.any():
+        return 0.0
+    if deviation.ndim and deviation.shape != shape[-1:]:
+        raise ValueError(
+            f"sampled sensor {sensor.name!r}: noise has {len(deviation)} entries; it reads {shape}: give one number, "
+            f"or {shape[-1] if shape else 1}"
+        )
+    key = _mixed(np.uint64(sensor.seed))
+    for part in (crc32(sensor.name.encode()), robot, number):
+        key = _mixed(key ^ np.asarray(part).astype(np.uint64))
+    count = int(np.prod(shape, dtype=np.int64))
+    each = np.arange(1, 2 * count + 1, dtype=np.uint64) * np.uint64(GOLDEN)
+    bits = _mixed(key[:, None] + each) >> np.uint64(11)
+    share = (bits.astype(float) + 0.5) * 2.0**-53
+    radius = np.sqrt(-2.0 * log(share[:, :count]))  # G. Box, M. Muller, Ann. Math. Stat. 29 (1958)
+    return (radius * sincos(2.0 * np.pi * share[:, count:])[1]).reshape(-1, *shape) * deviation
+
+
+def _mixed(z: Any) -> Any:
+    """Scatter whole numbers over 64 bits."""
+    with np.errstate(over="ignore"):
+        z = z + np.uint64(GOLDEN)
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(MIX[0])
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(MIX[1])
+        return z ^ (z >> np.uint64(31))
+
+
+def found(what: What, who: str = "observe") -> tuple[Callable[..., Any], tuple[str, ...]]:
+    """Return what computes the exact readings (samples, ...) from scene and channels, and the channels it needs.
+
+    Raises ValueError for what is no sensor and no channel.
+    """
+    sensor = what.sensor if isinstance(what, SampledSensor) else what
+    if isinstance(sensor, OBJECTS):
+        function, needed = KINDS[type(sensor)]
+        return lambda scene, channels: function(scene, channels, sensor), needed
+    name = current_name(sensor) if isinstance(sensor, str) else sensor
+    if isinstance(name, str) and name in NAMED:
+        if isinstance(what, SampledSensor) and name == "sole_forces":
+            raise ValueError("sampled sensor: sole_forces are several arrays, by link; give a channel, or a sensor")
+        return NAMED[name]
+    if isinstance(name, str) and name in RECORDABLE:
+        return lambda scene, channels: channels[name], (name,)
+    known = ", ".join((*RECORDABLE, *NAMED))
+    raise ValueError(f"{who}: there is no channel or sensor {shown(what)}; there are {known}")
+
+
+def here(scene: CompiledScene, needed: Iterable[str]) -> tuple[str, ...]:
+    """Return the channels of those needed that a scene has: none of a base where nothing floats."""
+    return tuple(name for name in needed if scene.tree.floating or not name.startswith("base"))
+
+
+def name_of(what: Any) -> Any:
+    """Return the name under which a channel or a sensor is observed and recorded."""
+    return what.name if isinstance(what, OBJECTS) else what
+
+
+class Chosen(NamedTuple):
+    """What is to be recorded."""
+
+    channels: tuple[str, ...] | None  # with those that sensors need; None for the usual ones
+    kept: frozenset[str]  # those of the channels that stay
+    sensors: list[What]
+
+
+def split(scenes: Sequence[CompiledScene], record: Iterable[Any] | None) -> Chosen:
+    """Sort a `record` into channels and sensors; raise ValueError for sensors that it cannot have."""
+    if record is None or isinstance(record, str):
+        return Chosen(record, frozenset(), [])  # type: ignore[arg-type]
+    given = listed("record", record, "give a list of channels, such as ('q', 'qd')")
+    chosen = [one for one in given if isinstance(one, OBJECTS) or (isinstance(one, str) and one in NAMED)]
+    if not chosen:
+        return Chosen(tuple(given), frozenset(), [])
+    names = list(map(name_of, given))
+    if "sole_forces" in chosen or len(set(names)) < len(names):
+        why = "sole_forces are several arrays, by link" if "sole_forces" in chosen else "two have the same name"
+        raise ValueError(f"record: {why}; the names are {', '.join(map(str, names))}")
+    channels = [one for one in given if one not in chosen]
+    needed = [name for one in chosen for scene in scenes for name in here(scene, found(one, "record")[1])]
+    kept = frozenset(current_name(one) for one in channels if isinstance(one, str))
+    return Chosen(tuple(dict.fromkeys([*channels, *needed])), kept | {"time"}, chosen)
+
+
+def with_readings(scene: CompiledScene, run: Trajectory, chosen: Chosen, robot: int = 0) -> Trajectory:
+    """Return a run with what sensors have read, and without the channels that only they needed."""
+    channels = {name: values for name, values in run.channels.items() if name in chosen.kept}
+    channels |= {name_of(one): measure(scene, run, one, robot) for one in chosen.sensors}
+    error = None if run.error is None else {name: x for name, x in run.error.items() if name in chosen.kept}
+    return replace(run, channels=channels, error=error)
