@@ -1,12 +1,14 @@
 """The scenes that come with the package load by name, and move as their closed forms say."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from featherstone_gait.base.rotation import rotation_from_quaternion
+from featherstone_gait.model.sensor import LineSensor
 from featherstone_gait.robot_file import RobotFileNotFoundError, load_robot, scene_names
 from featherstone_gait.robot_file.scene import load_scene
 from featherstone_gait.run.program import load_controller
@@ -15,8 +17,8 @@ from featherstone_gait.run.simulate import initial_state, simulate
 from featherstone_gait.scene.compile import compile_scene
 
 G = 9.81  # [m/s^2]
-CONTROLLERS = {"balancer": "balance", "humanoid_and_ball": "kick"}
-MASSES = {"balancer": 1.0, "blimp": 0.345, "omni_robot": 2.25, "rov": 10.64}  # [kg]
+CONTROLLERS = {"balancer": "balance", "humanoid_and_ball": "kick", "line_follower": "follow"}
+MASSES = {"balancer": 1.0, "blimp": 0.345, "line_follower": 1.0, "omni_robot": 2.25, "rov": 10.64}  # [kg]
 TIGHT = {"rtol": 1e-8, "estimate_error": False}
 
 
@@ -53,7 +55,7 @@ def test_controllers_load_by_the_name_of_their_scene(name, function):
 
 
 def test_what_has_no_controller_or_several_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="balancer, humanoid_and_ball"):
+    with pytest.raises(ValueError, match="balancer, humanoid_and_ball, line_follower"):
         load_controller("rov")
     path = tmp_path / "two.py"
     path.write_text("pass\n", "utf-8")
@@ -120,6 +122,52 @@ def test_the_omni_robot_turns_on_the_radius_of_its_wheels_speeds(omni, tight):
     end = in_its_axes(run)
     # the centripetal force bends the contacts: 1e-5 of the speed
     assert math.hypot(*end[:2]) / end[2] == pytest.approx(v / w, rel=1e-5)
+
+
+# ---------------------------------------------------------------------------------------------- line follower
+
+
+EYES = LineSensor("line_follower/body", tuple((0.06, 0.01 * k, 0.0) for k in range(-3, 4)), 0.005)
+
+
+@pytest.fixture(scope="module")
+def follower():
+    return compile_scene(load_scene("line_follower"), "rotor")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tight", [{}, {"rtol": 1e-8}])
+def test_two_wheels_turn_on_the_radius_of_their_speeds(follower, tight):
+    right, left, radius, track = 4.0, 2.0, 0.033, 0.16
+    run = simulate(follower, 5.0, None, speeds((left, right)), record=("base_q", "base_qd"), **tight)
+    assert run.ok
+    end = in_its_axes(run)
+    assert end[0] / end[2] == pytest.approx(0.5 * track * (right + left) / (right - left), rel=1e-5)
+    assert end[2] == pytest.approx(radius * (right - left) / track, rel=1e-4)  # the ground gives way
+
+
+@pytest.mark.long
+def test_the_follower_goes_round_its_track_where_its_steering_is_that_of_the_bend(follower):
+    bend, ahead, v, steer = 0.4, 0.06, 0.1, 25.0
+    run = simulate(follower, 45.0, None, None, record=("base_q", EYES), controller=load_controller("line_follower"))
+    assert run.ok
+    x, y, *_ = (base := run["base_q"].reshape(-1, 7)).T
+    off = np.hypot(x - np.clip(x, -0.4, 0.4), y) - bend
+    assert np.abs(off).max() < 0.007
+    turned = np.unwrap(2.0 * np.arctan2(base[:, 6], base[:, 3]))
+    lap = np.searchsorted(turned, 2.0 * math.pi) * 0.01
+    # on a circle of radius R the line is R - sqrt(bend^2 - ahead^2) to the left of the middle spot: steer u = v / R
+    near = math.sqrt(bend**2 - ahead**2)
+    circle = 0.5 * (near + math.sqrt(near**2 + 4.0 * v / steer))
+    assert off[np.searchsorted(turned, 0.5 * math.pi)] == pytest.approx(circle - bend, abs=1e-4)
+    assert lap == pytest.approx((1.6 + 2.0 * math.pi * circle) / v, rel=0.01)
+    # what its controller works out is what the sensor reads: on straights but for the tilt of the body on its contacts,
+    # which it ignores, on bends but for the corners of the tape
+    law, straight, own = load_controller("line_follower"), np.abs(x) < 0.3, np.zeros((len(x), 8))
+    for place, memory in zip(base, own):
+        law(0.0, SimpleNamespace(base_q=place), None, np.zeros((2, 2)), memory)
+    assert own[straight, :7] == pytest.approx(run["line"][straight], abs=1e-4)
+    assert own[:, :7] == pytest.approx(run["line"], abs=0.06)
 
 
 # ---------------------------------------------------------------------------------------------- fluids

@@ -10,7 +10,7 @@ from featherstone_gait.robot_file import gearbox_presets, load_robot, load_servo
 
 G = 9.81  # [m/s^2]
 NAMES = ("arm7", "arm7_spatial", "ax12_arm", "ax12_whole_arm", "humanoid")
-OF_SCENES = ("balancer", "blimp", "omni_robot", "rov")  # test_packaged_scenes.py says how they move
+OF_SCENES = ("balancer", "blimp", "line_follower", "omni_robot", "rov")  # test_packaged_scenes.py says how they move
 LEG = ("hip_rotation", "hip_lateral", "hip_front", "knee", "ankle_front", "ankle_lateral")
 ARM = ("front_shoulder", "lateral_shoulder", "elbow")
 TURNED_BY_MIRRORING = ("hip_rotation", "hip_lateral", "ankle_lateral", "lateral_shoulder", "elbow")
