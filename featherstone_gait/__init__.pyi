@@ -65,6 +65,8 @@ from .model.pair_contact import PairContact as PairContact
 from .model.placed import Placed as Placed
 from .model.placed import SceneModel as SceneModel
 from .model.rest_posture import nearest_posture as nearest_posture
+from .model.sensor import ContactSensor as ContactSensor
+from .model.sensor import ForceTorqueSensor as ForceTorqueSensor
 from .model.sensor import LineSensor as LineSensor
 from .model.sensor import RangeSensor as RangeSensor
 from .model.sensor import SampledSensor as SampledSensor

@@ -239,7 +239,72 @@ class LineSensor:
         return np.hstack([np.array(self.positions), along])
 
 
-Sensor: TypeAlias = RangeSensor | LineSensor
+@dataclass(frozen=True)
+class ForceTorqueSensor:
+    """Force and moment on a link by what carries it: the joint, with gear and bearings, or the link it is fixed to.
+
+    It reads six numbers: the force, then the moment about its place, in its axes.  At rest that is the weight of the
+    link and of all that it carries, upward.
+
+    Attributes
+    ----------
+    link : str
+        Name of the link that is carried, in a scene of several as "robot/link".
+    position : tuple of float
+        Its place (3,) in the frame of the link [m].
+    rpy : tuple of float
+        Its orientation (3,) there: roll, pitch and yaw about fixed axes [rad].
+    name : str
+        Name in what a session observes and a run records.
+
+    Raises
+    ------
+    ValueError
+        For values out of range.
+    """
+
+    link: str
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    name: str = "force"
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        _check_place(self, "force torque sensor")
+
+
+@dataclass(frozen=True)
+class ContactSensor:
+    """A switch on a link: 1 while ground and other bodies push it by more than a threshold, else 0.
+
+    Attributes
+    ----------
+    link : str
+        Name of the link, in a scene of several as "robot/link".
+    threshold : float
+        Sum of normal forces above which it closes [N].
+    name : str
+        Name in what a session observes and a run records.
+
+    Raises
+    ------
+    ValueError
+        For values out of range.
+    """
+
+    link: str
+    threshold: float = quantity(">= 0", "N", 0.0, "0 closes at every touch")
+    name: str = "contact"
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        _check_place(self, "contact sensor")
+        check(quantity_flaws("contact sensor", self))
+
+
+Sensor: TypeAlias = RangeSensor | LineSensor | ForceTorqueSensor | ContactSensor
 
 
 @dataclass(frozen=True)

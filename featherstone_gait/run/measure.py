@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, get_args
 from zlib import crc32
 
 import numpy as np
@@ -12,15 +12,18 @@ import numpy as np
 from ..base.arguments import instance, listed, shown, whole
 from ..base.portable_math import log, sincos
 from ..core.step.state import RECORDABLE
-from ..model.sensor import LineSensor, RangeSensor, SampledSensor, Sensor
+from ..model.sensor import ContactSensor, ForceTorqueSensor, LineSensor, RangeSensor, SampledSensor, Sensor
 from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from . import sensors
+from .force_sensor import bears, touches
 from .range_sensor import darkness, ranges
 from .trajectory import Trajectory
 
 What: TypeAlias = str | Sensor | SampledSensor
-OBJECTS = (RangeSensor, LineSensor, SampledSensor)
+OBJECTS = (*get_args(Sensor), SampledSensor)
+MOVING = ("base_q", "base_qd", "base_qdd", "q", "qd", "qdd")
+PUSHED = ("contact_force", "pair")
 NAMED: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "encoders": (sensors.encoders, ("q",)),
     "gyroscope": (sensors.gyroscope, ("base_qd",)),
@@ -32,6 +35,8 @@ NAMED: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
 KINDS: dict[type, tuple[Callable[..., Any], tuple[str, ...]]] = {
     RangeSensor: (ranges, ("base_q", "q")),
     LineSensor: (darkness, ("base_q", "q")),
+    ForceTorqueSensor: (bears, (*MOVING, *PUSHED, "pair_position", "pair_force")),
+    ContactSensor: (touches, ("base_q", "q", *PUSHED, "pair_normal_force")),
 }
 ON_TIME = 1e-6  # of a record or tick, by which periods and delays may be off
 MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)  # of splitmix64 (G. Steele, D. Lea, C. Flood, OOPSLA 2014)
@@ -69,8 +74,8 @@ def measure(
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     instance("trajectory", trajectory, Mapping, "give what simulate returns")
     robot = whole("robot", robot, 0, "it is the number of the run in a batch")
-    function, needed = found(sensor)
-    if missing := [name for name in here(scene, needed) if name not in trajectory]:
+    function, _ = found(sensor)
+    if missing := [name for name in here(scene, sensor) if name not in trajectory]:
         raise ValueError(f"trajectory: channels {missing} were not recorded; name them in simulate(record=...)")
     exact = function(scene, trajectory)
     if not isinstance(sensor, SampledSensor):
@@ -156,9 +161,14 @@ def found(what: What, who: str = "observe") -> tuple[Callable[..., Any], tuple[s
     raise ValueError(f"{who}: there is no channel or sensor {shown(what)}; there are {known}")
 
 
-def here(scene: CompiledScene, needed: Iterable[str]) -> tuple[str, ...]:
-    """Return the channels of those needed that a scene has: none of a base where nothing floats."""
-    return tuple(name for name in needed if scene.tree.floating or not name.startswith("base"))
+def here(scene: CompiledScene, what: What) -> tuple[str, ...]:
+    """Return the channels of those that a sensor needs that a scene has, or the one that it is."""
+    needed, acts, has = found(what)[1], scene.constants, {"base": scene.tree.floating}
+    inner = what.sensor if isinstance(what, SampledSensor) else what
+    if isinstance(inner, str) and inner not in NAMED:
+        return needed
+    has |= {"contact": acts.contact is not None, "pair": acts.pairs is not None}
+    return tuple(name for name in needed if has.get(name.partition("_")[0], True))
 
 
 def name_of(what: Any) -> Any:
@@ -187,7 +197,7 @@ def split(scenes: Sequence[CompiledScene], record: Iterable[Any] | None) -> Chos
         why = "sole_forces are several arrays, by link" if "sole_forces" in chosen else "two have the same name"
         raise ValueError(f"record: {why}; the names are {', '.join(map(str, names))}")
     channels = [one for one in given if one not in chosen]
-    needed = [name for one in chosen for scene in scenes for name in here(scene, found(one, "record")[1])]
+    needed = [name for one in chosen for scene in scenes for name in here(scene, one)]
     kept = frozenset(current_name(one) for one in channels if isinstance(one, str))
     return Chosen(tuple(dict.fromkeys([*channels, *needed])), kept | {"time"}, chosen)
 

@@ -25,8 +25,8 @@ class View:
     def __init__(self, fleet: Fleet, tick: float, what: What) -> None:
         self.name: str = name_of(what)
         inner = what.sensor if isinstance(what, SampledSensor) else what
-        self._reading, needed = found(what)
-        needed, name = here(fleet.runs[0].scene, needed), current_name(inner) if isinstance(inner, str) else ""
+        self._reading, needed = found(what)[0], here(fleet.runs[0].scene, what)
+        name = current_name(inner) if isinstance(inner, str) else ""
         self._runs = each_once(lambda run: prepare(run.scene, tick, needed), fleet.runs)
         self._values = np.zeros((len(fleet.runs), len(self._runs[0].channels)))
         self._copies = []

@@ -18,7 +18,7 @@ from ..dynamics import forward_kinematics
 from ..geometry.distance import shape_tables
 from ..model import FloorLine
 from ..model.placed import Placed, link_name
-from ..model.sensor import WORLD, LineSensor, RangeSensor
+from ..model.sensor import WORLD, LineSensor, RangeSensor, Sensor
 from ..scene.channels import owned
 from ..scene.compile import CompiledScene
 from ..scene.forest import Member, shares
@@ -116,7 +116,7 @@ def _cast(
     return out
 
 
-def row_of(scene: CompiledScene, names: list[str], sensor: RangeSensor | LineSensor) -> int:
+def row_of(scene: CompiledScene, names: list[str], sensor: Sensor) -> int:
     """Return the row of the link that carries a sensor among all; raise ValueError if there is none."""
     if sensor.link not in names:
         known = ", ".join(names)
@@ -124,7 +124,7 @@ def row_of(scene: CompiledScene, names: list[str], sensor: RangeSensor | LineSen
     return names.index(sensor.link)
 
 
-def _members(scene: CompiledScene) -> list[Member]:
+def members_of(scene: CompiledScene) -> list[Member]:
     """Return the members of a scene; of one robot itself, under an empty name."""
     return list(scene.members) or [Member(Placed(scene.model), scene)]
 
@@ -136,7 +136,7 @@ def link_poses(
     instance("trajectory", channels, Mapping, "give what simulate returns")
     names, rotations, positions = list[str](), [], []
     of = shares(scene.members) if scene.members else {}
-    for member in _members(scene):
+    for member in members_of(scene):
         model = member.model
         needed = ("base_q", "q") if model.base == "floating" else ("q",)
         missing = [name for name in needed if name not in channels]
@@ -165,7 +165,7 @@ def link_poses(
 def _solids(scene: CompiledScene, names: list[str]) -> Iterator[Solid]:
     """Yield all shapes in the frames of their links, obstacles and the ground in that of the world."""
     world, still = len(names) - 1, (np.eye(3), np.zeros(3))
-    for member in _members(scene):
+    for member in members_of(scene):
         for shape in member.model.shapes:
             link = link_name(member.name, shape.link) if scene.members else shape.link
             yield Solid(link, member.name, 0, names.index(link), True, shape, *still)

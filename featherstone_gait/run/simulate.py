@@ -226,7 +226,8 @@ def simulate_batch(
             record_interval, executor=executor, noises=runs["noises"], rtol=rtol, atol=atol, switches=switches,
             estimate_error=estimate_error, controller=controller if several is None else runs["controller"],
         )  # fmt: skip
-        return [with_readings(*one, chosen, k) for k, one in enumerate(zip(runs["scenes"], found))]
+        pushed = [one.pushed(pushes) for one in runs["scenes"]]
+        return [with_readings(*one, chosen, k) for k, one in enumerate(zip(pushed, found))]
     if switched := check_switches(runs["scenes"], switches):
         if controller is not None:
             raise ValueError("switches: a controller would begin anew where a loop is switched; step a Session instead")

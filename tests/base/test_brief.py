@@ -38,6 +38,7 @@ def of_models(robot: fg.Model) -> Iterator[Any]:
     yield fg.Tendon("strap", (), [fg.Via("trunk"), fg.Via("left_foot")] * 300, stiffness=100.0)
     yield from (fg.Fluid(), fg.Propeller("knee", 1e-5), fg.Immersed("trunk", fg.Sphere(0.1), drag=(1.0, 2.0, 3.0)))
     yield from (fg.RangeSensor.fan("trunk", 1.0, 300), fg.LineSensor("trunk", [(0.0, 0.0, 0.0)] * 300))
+    yield from (fg.ForceTorqueSensor("trunk"), fg.ContactSensor("trunk", 0.1))
     yield from (fg.FloorLine([(0.01 * k, 0.0) for k in range(300)]), fg.SampledSensor("q", noise=[0.1] * 300))
     yield from (fg.Spring("trunk", "left_foot", stiffness=100.0), fg.PairContact([("trunk", "left_foot")] * 300))
     yield from (fg.Box((1.0, 1.0, 1.0)), fg.Sphere(0.1), fg.Capsule(0.1, 0.2), fg.Cylinder(0.1, 0.2))

@@ -137,6 +137,8 @@ def _parts() -> Iterator[Call]:
         fg.FloorLine([(0.0, 0.0), (1.0, 0.0)], 0.02),
         fg.RangeSensor("a", [[1.0, 0.0, 0.0]], reach=2.0, curve=((0.1, 3.0), (0.8, 0.4))),
         fg.LineSensor("a", [(0.1, 0.0, 0.0)], 0.01),
+        fg.ForceTorqueSensor("a", (0.1, 0.0, 0.0), (0.0, 0.0, 1.0), "wrist"),
+        fg.ContactSensor("a", 0.1),
         fg.SampledSensor("q", noise=0.1, rate=50.0, delay=0.02, seed=1, name="late"),
         fg.Sphere(1.0),
         fg.Capsule(1.0, 1.0),
