@@ -21,7 +21,7 @@ Vector = tuple[float, float, float]
 
 MAX_DEPTH = 64  # of nested elements
 MAX_NUMBER = 1e30  # in a robot file, so that no product of masses and lengths overflows
-DECLARATION = re.compile(rb"<\?xml\s[^>]*\?>")
+DECLARATION = re.compile(rb"<\?xml\s[^<>]*\?>")
 PREFIX = re.compile(rb"[</\s]([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*[\s=/>]")
 COMMENT = re.compile(rb"<!--(.*?)-->", re.DOTALL)
 ROOT = re.compile(rb"<[A-Za-z_][\w.-]*")
@@ -88,9 +88,11 @@ def _mended(data: bytes, code: int) -> tuple[bytes, str]:
         declared = b"".join(b" xmlns:%b='%b'" % (name, name) for name in names if b"xmlns:" + name not in data)
         mended = ROOT.sub(lambda found: found[0] + declared, data, count=1)
         return mended, "took prefixes as declared that no xmlns declares"
-    hyphens = any(b"--" in found[1] for found in COMMENT.finditer(data))
+    end = data.rfind(b"-->") + 3  # beyond it each "<!--" would be searched to the end of the file
+    hyphens = any(b"--" in found[1] for found in COMMENT.finditer(data, 0, end))
     if code == errors.codes[errors.XML_ERROR_INVALID_TOKEN] and hyphens:
-        return COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), data), "skipped comments with -- in them"
+        kept = COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), data[:end])
+        return kept + data[end:], "skipped comments with -- in them"
     return data, ""
 
 

@@ -384,7 +384,10 @@ def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
             f"{own}; `simulate` returns no such state: make it with initial_state"
         )
     if scene.model.loops:
-        _check_closed(scene, y)
+        try:
+            _check_closed(scene, y)
+        except ValueError as error:
+            raise ValueError(f"state: {error}") from error
     return y
 
 

@@ -444,6 +444,13 @@ def test_a_sound_file_is_read_and_rubbish_is_refused(kind, tmp_path):
             target.read(target.path)
 
 
+@pytest.mark.parametrize("piece", [b"<!--", b"<?xml ", b"<a:", b' a:b="'])
+def test_what_opens_many_times_and_never_closes_is_refused_in_linear_time(tmp_path, piece):
+    target = urdf(tmp_path)
+    target.path.write_bytes(b"<robot>" + 200_000 * piece)
+    assert isinstance(outcome(target), ValueError)
+
+
 @pytest.mark.parametrize(
     ("raised", "fault"),
     [
