@@ -27,7 +27,21 @@ from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
 from ..geometry.body import body as solid
-from ..model import Fluid, Ground, HeightField, Immersed, Joint, Link, Loop, Mimic, Model, Supply, Tendon
+from ..model import (
+    Fluid,
+    Ground,
+    HeightField,
+    Immersed,
+    Joint,
+    Link,
+    Loop,
+    Mimic,
+    Model,
+    Supply,
+    Tendon,
+    Via,
+    Wrap,
+)
 from ..model.numpy_dynamics import link_poses, zero_position
 from ..model.placed import Placed, SceneModel
 from ..model.shapes import Box, Cylinder, Sphere
@@ -235,6 +249,12 @@ def strung(model: Model) -> Model:
     return replace(model, tendons=(Tendon("tendon", pulleys, stiffness=100.0, damping=1.0),))
 
 
+def roped(model: Model, *between: Wrap, start: str | None = "link10") -> Model:
+    """Return the chain with a spring from a link, or the world, to its last link, around shapes in between."""
+    ends = Via(start, (0.0, 0.0, 0.1)), Via(model.links[-1].name, (0.05, 0.0, 0.0))
+    return replace(model, tendons=(Tendon("rope", path=(ends[0], *between, ends[1]), stiffness=100.0),))
+
+
 def in_water(model: Model, fluid: Fluid | None) -> SceneModel:
     """Return a scene of the model with a cylinder on each link that moves."""
     shapes = tuple(Immersed(link.name, Cylinder(0.02, 0.1), drag=1.0) for link in model.links[1:])
@@ -264,6 +284,9 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
     lifted = tuple(replace(link, gravity_compensation=0.5) for link in arm.links)
     held, push = replace(arm, locked=dict.fromkeys(arm.joint_names[4:], 0.0)), Push(arm.links[-1].name, (0.1, 0.0, 0.0))
     plain, rigid, soft = rollout(arm), rollout(driven(), "standard"), rollout(driven(), "mipsd")
+    first, *others = chain().links
+    heavy = replace(first, mass=1.0, inertia=(1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3))
+    floating = replace(chain(), links=(heavy, *others), base="floating")
     dry, loaded = (rollout(driven(**friction), "standard") for friction in (M1, M4))
     yield from (
         ("fixed joint lumped (of 7 the last)", rollout(changed(arm, last, type="fixed")), plain, ""),
@@ -277,6 +300,14 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no loop (chain of 20 joints)", rollout(chain(), integrator="rk4"), rollout(tied(chain()), integrator="rk4"),
          "the same"),
         ("no tendon (chain of 20 joints)", rollout(chain()), rollout(strung(chain())), "one along the last ten joints"),
+        ("no shape around which a tendon runs (chain of 20 joints)", rollout(roped(chain())),
+         rollout(roped(chain(), Wrap("link15", "sphere", 0.03))), "a sphere"),
+        ("no end of a tendon in the world (floating chain)", rollout(roped(floating)),
+         rollout(roped(floating, start=None)), "one of two ends"),
+        ("no damping that grows", rollout(changed(arm, damping=0.01)),
+         rollout(changed(arm, damping=0.01, cubic_damping=0.01)), "cubic, of 7 joints"),
+        ("no spring of a ball joint", rollout(first_by(arm, "ball")),
+         rollout(changed(first_by(arm, "ball"), slice(0, 1), stiffness=0.1)), "one"),
         ("no fluid", rollout(in_water(arm, None)), rollout(in_water(arm, WATER)), "a cylinder on each of 7 links"),
         ("no coupled joints", plain, rollout(changed(arm, last, mimic=Mimic(arm.joints[0].name))), "the last of 7"),
         ("no pushes", plain, rollout(arm, pushes=(push,)), "one push"),

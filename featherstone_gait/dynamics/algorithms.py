@@ -685,11 +685,11 @@ def lengths_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.nda
 
 
 class Piece(NamedTuple):
-    """A straight piece of a tendon between points of two links."""
+    """A straight piece of a tendon between points of two links, None for the world."""
 
-    link_a: str
+    link_a: str | None
     a: np.ndarray  # (..., 3) in the world [m]
-    link_b: str
+    link_b: str | None
     b: np.ndarray
     direction: np.ndarray  # (..., 3)
     length: np.ndarray  # (...) with that of the bend after it [m]
@@ -716,7 +716,9 @@ def pieces(model: Model, poses: Poses, tendon: Tendon) -> Iterator[Piece]:
         yield Piece(wrap.link, d, after.link, b, np.where(bent, f, way), 0.0 * length, after.share)
 
 
-def _place_of(model: Model, poses: Poses, link: str, point: Sequence[float]) -> np.ndarray:
+def _place_of(model: Model, poses: Poses, link: str | None, point: Sequence[float]) -> np.ndarray:
+    if link is None:
+        return np.zeros_like(poses.position[..., 0, :]) + np.array(point)
     row = model.link_index(link)
     return poses.position[..., row, :] + applied(poses.rotation[..., row, :, :], np.array(point))
 
@@ -733,7 +735,9 @@ def _touching_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return whether the way around a shape turns (...), its points of contact (..., 3) and its bend (...) [m]."""
     table = wrap_record(wrap, np.eye(3))
-    E = product(poses.rotation[..., model.link_index(wrap.link), :, :], table.E[0].reshape(3, 3))
+    E = table.E[0].reshape(3, 3)
+    if wrap.link is not None:
+        E = product(poses.rotation[..., model.link_index(wrap.link), :, :], E)
     center, back = _place_of(model, poses, wrap.link, wrap.point), np.swapaxes(E, -1, -2)
     local = [np.ascontiguousarray(applied(back, one - center).reshape(-1, 3)) for one in (a, b)]
     out = np.zeros((len(local[0]), 8))
@@ -1046,6 +1050,8 @@ def _add_paths(
     for tendon, pull in zip(tendons, pulls.T):
         for one in pieces(model, at, tendon):
             for link, end, sign in ((one.link_a, one.a, -one.share), (one.link_b, one.b, one.share)):
+                if link is None:
+                    continue
                 place, force, row = tree.placements[link], sign * pull[:, None] * one.direction, model.link_index(link)
                 back = np.swapaxes(at.rotation[..., row, :, :], -1, -2)
                 arm = place.r + applied(place.E, applied(back, end - at.position[..., row, :]))

@@ -55,9 +55,10 @@ def rows_of(model: Model, q: np.ndarray, tendons: Iterable[Tendon]) -> np.ndarra
                 J[..., k, model.qd_index(name)] += c
         if poses is not None:
             for one in pieces(model, poses, tendon):
-                ends = ((one.link_a, one.a), (one.link_b, one.b))
-                turn, e = [jacobian_of(model, poses, link, at)[..., 3:, :] for link, at in ends], one.direction
-                J[..., k, :] += one.share * total(np.swapaxes(e[..., :, None] * (turn[1] - turn[0]), -1, -2))
+                for link, at, sign in ((one.link_a, one.a, -one.share), (one.link_b, one.b, one.share)):
+                    if link is not None:
+                        moves = jacobian_of(model, poses, link, at)[..., 3:, :]
+                        J[..., k, :] += sign * total(np.swapaxes(one.direction[..., :, None] * moves, -1, -2))
     return J
 
 

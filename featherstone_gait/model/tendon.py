@@ -31,22 +31,26 @@ Moment: TypeAlias = tuple[str, float]
 WrapShape = Literal["sphere", "cylinder"]
 
 
+def _link_flaws(link: str | None) -> Iterable[str]:
+    return () if link is None else name_flaws("link", link)
+
+
 @dataclass(frozen=True)
 class Via:
     """A point of a link through which a tendon runs.
 
     Attributes
     ----------
-    link : str
-        Name of the link.
+    link : str or None
+        Name of the link; None for the world.
     point : tuple of float
-        The point (3,) in the frame of the link [m].
+        The point (3,) in the frame of the link, or in the world [m].
     share : float
         Share of the distance from the point before in the tendon's length; 0 begins a new piece.  That of the first
         point plays no part.
     """
 
-    link: str
+    link: str | None = None
     point: Vector = (0.0, 0.0, 0.0)
     share: float = quantity(">= 0", "-", 1.0, "0 begins a new piece of the tendon")
 
@@ -54,7 +58,7 @@ class Via:
 
     def __post_init__(self) -> None:
         what = f"via point on link {self.link!r}"
-        check(name_flaws("link", self.link), vector_flaws(what, "point", self.point, 3), quantity_flaws(what, self))
+        check(_link_flaws(self.link), vector_flaws(what, "point", self.point, 3), quantity_flaws(what, self))
         freeze(self, "point")
 
 
@@ -64,8 +68,8 @@ class Wrap:
 
     Attributes
     ----------
-    link : str
-        Name of the link.
+    link : str or None
+        Name of the link; None for the world.
     shape : {"sphere", "cylinder"}
         Kind of shape; a cylinder has no ends.
     radius : float
@@ -79,7 +83,7 @@ class Wrap:
         tendon runs through the shape as through a ring.  None: the tendon takes the shorter way.
     """
 
-    link: str
+    link: str | None
     shape: WrapShape
     radius: float = field(metadata=allowed("> 0", "m"))
     point: Vector = (0.0, 0.0, 0.0)
@@ -92,7 +96,7 @@ class Wrap:
         what = f"wrap on link {self.link!r}"
         vectors = {"point": self.point, "axis": self.axis} | ({} if self.side is None else {"side": self.side})
         check(
-            name_flaws("link", self.link),
+            _link_flaws(self.link),
             choice_flaws(what, "shape", self.shape, get_args(WrapShape)),
             number_flaws(what, "radius", self.radius, "> 0", "m", "correct it"),
             *(vector_flaws(what, name, value, 3) for name, value in vectors.items()),
@@ -253,7 +257,7 @@ def check_tendons(links: Iterable[Link], joints: Iterable[Joint], tendons: Itera
                     f"{quoted(movable)}: use one of them"
                 )
         for via in tendon.path:
-            if via.link not in names:
+            if via.link is not None and via.link not in names:
                 raise ValueError(
                     f"tendon {tendon.name!r}: there is no link {via.link!r}; links are {quoted(names)}: use one of them"
                 )

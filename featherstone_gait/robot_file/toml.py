@@ -282,7 +282,9 @@ def record(kind: type, table: Mapping[str, Any], what: str, named: str = "") -> 
     with problems.at(table):
         check_keys(table, tuple(f.name for f in known), what)
     for f in known:
-        if f.name in table or f.default is MISSING:
+        if f.name not in table and f.default is MISSING and str(f.type).endswith("| None"):
+            values[f.name] = None
+        elif f.name in table or f.default is MISSING:
             with problems.at(table, f.name):
                 values[f.name] = READ[str(f.type)](table, f.name, named or what)
                 check(field_flaws(named or what, f.name, values[f.name], f))

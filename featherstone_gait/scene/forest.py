@@ -21,6 +21,7 @@ from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
 from ..core.effects.joint_spring import JOINT_SPRING, STIFFENING
 from ..core.effects.stop import STOP
 from ..core.effects.tendon import BEND, DRIVE, Tendons
+from ..core.effects.tendon import WORLD as ANCHOR
 from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.step.context import Scene
 from ..core.step.state import IN_STATE
@@ -114,16 +115,20 @@ def _renamed(member: Member, joint: Joint) -> Joint:
 
 def _tendon_of(member: Member, tendon: Tendon) -> Tendon:
     joints = tuple((named(member, name), c) for name, c in tendon.joints)
-    path = tuple(replace(via, link=named(member, via.link)) for via in tendon.path)
+    path = tuple(replace(via, link=_link_of(member, via.link)) for via in tendon.path)
     return replace(tendon, name=named(member, tendon.name), joints=joints, path=path)
 
 
 def _loop_of(member: Member, loop: Loop) -> Loop:
-    """Return a loop with the names of the scene; what a fixed robot calls the world is its root's frame."""
-    b, root = loop.b, member.model.root
-    if b is None and member.model.base == "fixed" and loop.a != root:
-        b = root
-    return replace(loop, name=named(member, loop.name), a=named(member, loop.a), b=b and named(member, b))
+    b = None if loop.b is None and loop.a == member.model.root else _link_of(member, loop.b)
+    return replace(loop, name=named(member, loop.name), a=named(member, loop.a), b=b)
+
+
+def _link_of(member: Member, link: str | None) -> str | None:
+    """Return a link with its name in the scene; what a fixed robot calls the world, None, is its root's frame."""
+    if link is None and member.model.base == "fixed":
+        link = member.model.root
+    return link and named(member, link)
 
 
 def _touching(member: Member) -> tuple[Any, ...]:
@@ -405,7 +410,8 @@ def _tendons(members: Sequence[Member], tree: Tree, moved: Sequence[Shift]) -> T
             table, pieces = own.table.copy(), own.parts.copy()
             table.row, table.column = at.workspace(table.row), tree.columns + at.tendon + np.arange(len(table))
             table.first, table.end = table.first + first, table.end + first
-            pieces.body, pieces.dof = pieces.body + at.body, pieces.dof + np.where(pieces.kind == BEND, bends, at.joint)
+            pieces.body = np.where(pieces.body == ANCHOR, ANCHOR, pieces.body + at.body)
+            pieces.dof += np.where(pieces.kind == BEND, bends, at.joint)
             if own.wraps is not None:
                 wraps.append(own.wraps)
                 bends += len(own.wraps)
@@ -419,7 +425,12 @@ def _tendons(members: Sequence[Member], tree: Tree, moved: Sequence[Shift]) -> T
     drives = _stacked([one and one.drives for one in found], counts, DRIVE, input=-1)
     if drives is not None:
         number_drives(drives, drives.input >= 0, tree.n)
-    return Tendons(_concatenated(tables), _concatenated(parts), stops, drives, _concatenated(wraps) if wraps else None)
+    tied = None
+    if any(one is not None and one.tied is not None for one in found):
+        each = [None if one is None else one.tied for one in found]
+        tied = np.concatenate([np.zeros(n, int) if one is None else one for n, one in zip(counts, each)])
+    around = _concatenated(wraps) if wraps else None
+    return Tendons(_concatenated(tables), _concatenated(parts), stops, drives, around, tied)
 
 
 def _firmware(members: Sequence[Member], counts: Sequence[int]) -> Firmware:

@@ -14,13 +14,15 @@ import numpy as np
 
 from ..base.fixed_order import applied
 from ..core.effects.stop import STOP
-from ..core.effects.tendon import BEGIN, BEND, DRIVE, JOINT, PART, POINT, TENDON, TURN, Tendons
+from ..core.effects.tendon import BEGIN, BEND, DRIVE, JOINT, PART, POINT, TENDON, TURN, WORLD, Tendons
 from ..core.integrate.integrator import Integrator
-from ..model import Model, Tendon, Wrap
+from ..model import Model, Placement, Tendon, Wrap
 from .actuator import pd_laws
 from .records import records
 from .stop import NO_LIMIT, fill_stop, load_of
 from .tree import Tree, wrap_record
+
+IN_WORLD = Placement(WORLD, np.eye(3), np.zeros(3))
 
 
 def with_rows(tree: Tree, tendons: Sequence[Tendon]) -> Tree:
@@ -36,6 +38,7 @@ def build_tendons(model: Model, tree: Tree, tendons: Sequence[Tendon]) -> Tendon
     table = records(len(tendons), TENDON)
     body = {int(dof): row for row, dof in enumerate(tree.bodies.dof) if row}
     wraps: list[np.recarray] = []
+    tied = np.zeros(len(tendons), int)
     for k, (row, tendon) in enumerate(zip(table, tendons)):
         row.row, row.column, row.first = tree.rows - len(tendons) + k, tree.columns + k, len(parts)
         row.stiffness, row.damping, (row.lower, row.upper) = tendon.stiffness, tendon.damping, tendon.slack
@@ -49,17 +52,20 @@ def build_tendons(model: Model, tree: Tree, tendons: Sequence[Tendon]) -> Tendon
                 dof = model.joint_rows[name]
                 parts.append(_part(JOINT, body[dof], c, dof, (0.0, 0.0, 0.0)))
         for j, via in enumerate(tendon.path):
-            place = tree.placements[via.link]
+            anchored = via.link is None and tree.floating
+            place = IN_WORLD if anchored else tree.placements[via.link or model.root]
+            at, tied[k] = place.r + applied(place.E, np.array(via.point)), tied[k] or anchored
             if isinstance(via, Wrap):
-                parts.append(_part(BEND, place.row, 0.0, len(wraps), place.r + applied(place.E, np.array(via.point))))
+                parts.append(_part(BEND, place.row, 0.0, len(wraps), at))
                 wraps.append(wrap_record(via, place.E))
                 continue
             kind = POINT if j and via.share > 0 else BEGIN
-            parts.append(_part(kind, place.row, via.share, 0, place.r + applied(place.E, np.array(via.point))))
+            parts.append(_part(kind, place.row, via.share, 0, at))
         row.end = len(parts)
     drives = build_drives(tendons, len(model.moving_joints))
     around = np.concatenate(wraps).view(np.recarray) if wraps else None
-    return Tendons(table, np.concatenate(parts or [records(0, PART)]).view(np.recarray), None, drives, around)
+    pieces = np.concatenate(parts or [records(0, PART)]).view(np.recarray)
+    return Tendons(table, pieces, None, drives, around, tied if tied.any() else None)
 
 
 def build_drives(tendons: Sequence[Tendon], joints: int) -> np.recarray | None:

@@ -17,6 +17,7 @@ from featherstone_gait import (
     Placed,
     Tendon,
     Via,
+    Wrap,
     close_loops,
     compile_scene,
     energy,
@@ -55,6 +56,15 @@ FILE = """<mujoco><compiler autolimits="true"/><worldbody><site name="w" pos=".3
 <site site="s0"/><site site="s3"/><site site="s1"/></spatial></tendon></mujoco>"""
 
 
+HUNG = """<mujoco><worldbody><site name="w" pos=".05 0 1.3"/><site name="v" pos=".5 .1 1.2"/>
+<geom name="drum" type="cylinder" size=".06 .1" pos=".02 0 1.12" euler="80 10 0"/><site name="left" pos="-.2 0 1.12"/>
+<body name="bob" pos="0 0 .5"><freejoint/><geom type="box" size=".1 .2 .3" mass="2"/><site name="s" pos=".1 .2 .3"/>
+<site name="t" pos="-.1 .1 0"/></body></worldbody><tendon>
+<spatial name="plain" stiffness="20" springlength=".1"><site site="v"/><site site="s"/></spatial>
+<spatial name="bent" stiffness="30" springlength=".2"><site site="w"/><geom geom="drum" sidesite="left"/>
+<site site="t"/></spatial></tendon></mujoco>"""
+
+
 def tied(model, stiffness=1.0, damping=0.1):
     """The robot with two tendons of its joints, which share some, and one along a path."""
     n, links = model.joint_names, [link.name for link in model.links]
@@ -65,6 +75,16 @@ def tied(model, stiffness=1.0, damping=0.1):
         Tendon("c", (), path, 20.0 * stiffness, 2.0 * damping, 0.3),
     ]
     return replace(model, tendons=tendons)
+
+
+def anchored(model, damping=0.0):
+    """The robot hung from the world: straight by its base, and around a drum of the world by its last link."""
+    links = [link.name for link in model.links]
+    drum = Wrap(None, "cylinder", 0.1, (0.1, 0.0, 2.0), (0.0, 1.0, 0.2), (0.1, 0.0, 2.5))
+    straight = Via(None, (0.1, 0.0, 1.0)), Via(model.root, (0.1, 0.1, 0.0)), Via(None, (-1.0, 0.3, 1.2), 0.5)
+    bent = Via(None, (1.2, 0.0, 1.5)), drum, Via(links[-1], (0.0, 0.1, 0.0))
+    paths = enumerate((straight, bent))
+    return replace(model, tendons=[Tendon(f"rope {k}", (), path, 30.0 + k, damping, 0.2) for k, path in paths])
 
 
 def turned(tendon=None, **joint):
@@ -107,6 +127,34 @@ def test_a_moving_base_changes_no_length():
     q, qd, _ = random_states(model, 5, 1)
     qd[:, 6:] = 0.0
     np.testing.assert_allclose((tendon_jacobian(model, q) @ qd[..., None])[..., 0], 0.0, atol=1e-12)
+
+
+def test_a_mass_hung_from_the_world_bobs_with_its_period():
+    """A free body below a point of the world: m x'' = -K x about rest."""
+    m, K, g = 0.8, 50.0, 9.81
+    body = Link("bob", m, STILL, (1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3))
+    rope = Tendon("rope", (), (Via(None, (0.3, 0.2, 2.0)), Via("bob")), K)
+    bob = Model("bob", [body], (), base="floating", tendons=[rope])
+    low, start = 2.0 - m * g / K, np.array([0.3, 0.2, 2.0 - m * g / K - 0.1, 1.0, 0.0, 0.0, 0.0])
+    scene = compile_scene(bob, integrator="dop853")
+    run = simulate(scene, 0.5, initial_state(scene, start), rtol=1e-11, **QUIET)
+    z = low - 0.1 * np.cos(np.sqrt(K / m) * run["time"])
+    x, y = 0.3 + 0.0 * z, 0.2 + 0.0 * z
+    np.testing.assert_allclose(run["base_q"][:, :3], np.column_stack([x, y, z]), rtol=0, atol=1e-9)
+    assert tendon_lengths(bob, start)[0] == pytest.approx(m * g / K + 0.1, abs=1e-14)
+
+
+@pytest.mark.parametrize("integrator", ["dop853", "implicit_euler"])
+def test_energy_of_a_robot_hung_from_the_world(integrator):
+    model = anchored(random_tree(5, 3, base="floating"))
+    scene = compile_scene(model, integrator=integrator, timestep=1e-4)
+    run = simulate(scene, 0.05, state_of(scene, 3), rtol=1e-11, **QUIET)
+    q, qd = (np.hstack([run[f"base_{name}"], run[name]]) for name in ("q", "qd"))
+    total, bent = energy(model, q, qd).total, tendon_lengths(model, q)[:, 1]
+    straight = replace(model.tendons[1], path=model.tendons[1].path[::2])
+    assert (bent > tendon_lengths(replace(model, tendons=[straight]), q)[:, 0] + 1e-3).all()
+    assert np.ptp(energy(model, q, qd).kinetic) > 0.01
+    np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-9 if integrator == "dop853" else 2e-3)
 
 
 def test_springs_pull_by_the_slope_of_their_energy():
@@ -336,8 +384,29 @@ def test_tendons_through_toml(tmp_path):
     tree = random_tree(5, 3)
     joints = [replace(joint, type="revolute", lower=-9.0, upper=9.0) for joint in tree.joints]
     model = tied(replace(tree, joints=joints))
+    model = replace(model, tendons=model.tendons + anchored(model).tendons)
     save_robot(model, tmp_path / "robot.urdf")
     assert load_robot(tmp_path / "robot.urdf").tendons == model.tendons
+
+
+def test_a_free_body_hung_from_sites_of_the_world_is_mujocos(tmp_path):
+    file, saved = tmp_path / "hung.xml", tmp_path / "saved.xml"
+    file.write_text(HUNG)
+    model = load_robot(file, strict=True)
+    assert [via.link for via in model.tendons[1].path] == [None, None, "bob"]
+    save_robot(model, saved)
+    rng = np.random.default_rng(1)
+    for path in (file, saved):
+        model = load_robot(path, strict=True)
+        mujoco, m, d = mujoco_model(path)
+        for _ in range(10):
+            x, turn = rng.uniform(-0.2, 0.2, 3), rng.normal(size=4)
+            q = np.concatenate([x, turn / np.linalg.norm(turn)])
+            d.qpos, d.qvel = q, 0.0
+            mujoco.mj_forward(m, d)
+            np.testing.assert_allclose(tendon_lengths(model, q), d.ten_length, rtol=0, atol=1e-12)
+            force = tendon_jacobian(model, q).T @ spring_forces(model.tendons, tendon_lengths(model, q))
+            np.testing.assert_allclose(force, d.qfrc_passive, rtol=0, atol=1e-10)
 
 
 # --- several robots, bits --------------------------------------------------------------------------------------------
@@ -399,6 +468,7 @@ def test_a_loop_stays_closed_while_tendons_pull(base, integrator, order):
 @pytest.mark.long
 def test_robots_in_one_scene_move_as_each_alone():
     models = [tied(random_tree(5 + k, 3 + k, base=base)) for k, base in enumerate(("fixed", "floating", "fixed"))]
+    models[1] = replace(models[1], tendons=models[1].tendons + anchored(models[1]).tendons)
     names = "abc"
     placed = [Placed(model, name, position=(0.0, 0.0, 0.0)) for model, name in zip(models, names)]
     scene = compile_scene(placed, integrator="midpoint", timestep=1e-3)
@@ -417,7 +487,8 @@ def test_robots_in_one_scene_move_as_each_alone():
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
 def test_eight_at_once_have_the_bits_of_one(integrator):
     model = tied(random_tree(5, 3, base="floating"))
-    model = replace(model, tendons=[replace(t, rest=(-0.1, 0.1), upper=1.0) for t in model.tendons])
+    own = [replace(t, rest=(-0.1, 0.1), upper=1.0) for t in model.tendons]
+    model = replace(model, tendons=[*own, *anchored(model, 0.1).tendons])
     scene = compile_scene(model, integrator=integrator, timestep=1e-3)
     states = [state_of(scene, k) for k in range(8)]
     for run, state in zip(simulate_batch(scene, 0.01, states, record=ALL, **QUIET), states):

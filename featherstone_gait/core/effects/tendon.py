@@ -22,8 +22,8 @@ from ..compile.optional import plus_item
 from ..compile.structure import record, structure
 from ..tree.aba import root_inertia
 from ..tree.coupling import push_torque
-from ..tree.forest import base_of, rows_of, tendons_of
-from ..tree.layout import R, U, V
+from ..tree.forest import base_index, base_of, rows_of, tendons_of
+from ..tree.layout import P, R, U, V
 from ..tree.rank_one import FREE, answer, bind, clear, push_force, release
 from ..tree.rigid_body import point_position
 from ..tree.spatial import (
@@ -67,11 +67,12 @@ DRIVE = record(
 
 PART = record(
     kind=int,  # JOINT ...
-    body=int,  # row of the body
+    body=int,  # row of the body; WORLD for the world of a floating base
     dof=int,  # index of a joint's coordinate, of a ball joint's first; of a WRAP
     coefficient=float,  # of a joint [m/rad or -], or of the distance from the point before [-]
-    point=(float, 3),  # body frame [m]
+    point=(float, 3),  # body frame, or world [m]
 )
+WORLD = -1
 # A path begins with a point that has no distance.  TURN: of a ball joint; BEND: a shape between two points.
 JOINT, BEGIN, POINT, TURN, BEND = range(5)
 
@@ -85,6 +86,7 @@ CT = FREE + 5
 TL = FREE + 6  # its value at UN
 RT = FREE + 7  # inertial force at UK
 AXIS = FREE + 8  # 3: about which the ball joint of a tendon is turned, of which it has one at most
+BASE = AXIS  # 3: of a path, where the base of its tree is [m]
 
 
 @structure
@@ -96,54 +98,37 @@ class Tendons(NamedTuple):
     stops: np.ndarray | None  # (tendons,) STOP; None where no tendon has limits
     drives: np.ndarray | None = None  # (tendons,) DRIVE; None where no tendon has a drive
     wraps: np.ndarray | None = None  # (shapes,) WRAP; None where no tendon runs around any
+    tied: np.ndarray | None = None  # (tendons,) 1 of those with an end in the world of a floating base; None without
 
 
 # ---------------------------------------------------------------------------------------------- the length
 
 
 @inline
-def _apart(a, b, W):
-    """Return the points of two parts [m], their distance, and the direction from one to the other, 0 where they meet.
-
-    Positions in W count from the base.  Their differences, all that is needed here, are the same from anywhere.
-    """
-    x, y = point_position(a.body, vector(a.point), W), point_position(b.body, vector(b.point), W)
-    d = sub(y, x)
-    length = sqrt(dot(d, d))
-    apart = length > 0.0
-    return x, y, length, scale(d, select(apart, 1.0 / select(apart, length, 1.0 + 0.0 * length), 0.0 * length))
+def _position(tied, row, p, W):
+    """Return the point of a part [m], counted from the base like all positions in W."""
+    if tied is None:
+        return point_position(p.body, vector(p.point), W)
+    return _position_from(row, p, W)
 
 
 @inline
-def _moved(body, x, column, W):
-    """Return the velocity of a point x of a body by the motion of bodies that stands in six columns of W."""
-    return add(load3(W, body, column + 3), cross(load3(W, body, column), x))
+def _position_from(row, p, W):
+    zero = 0.0 * W[0, P]
+    x = (p.point[0] + zero, p.point[1] + zero, p.point[2] + zero)
+    if p.body == WORLD:
+        x = sub(x, load3(W, row, BASE))
+    else:
+        x = point_position(p.body, vector(p.point), W)
+    return x
 
 
 @inline
-def _opening(wraps, parts, k, column, W):
-    """Return the distance of a point from the one before, and its rate by the motion that stands in columns of W."""
-    if wraps is None:
-        return _straight_opening(parts, k, column, W)
-    return _bent_opening(wraps, parts, k, column, W)
-
-
-@inline
-def _straight_opening(parts, k, column, W):
-    a, b = parts[k - 1], parts[k]
-    x, y, length, e = _apart(a, b, W)
-    return length, dot(e, sub(_moved(b.body, y, column, W), _moved(a.body, x, column, W)))
-
-
-@kernel
-def _bent_opening(wraps, parts, k, column, W):
-    if parts[k - 1].kind != BEND:
-        return _straight_opening(parts, k, column, W)
-    x, u, v, y, e, f, length, turns = _way(wraps, parts, k, W)
-    rate = dot(f, _moved(parts[k].body, y, column, W)) - dot(e, _moved(parts[k - 2].body, x, column, W))
-    body = parts[k - 1].body
-    around = dot(e, _moved(body, u, column, W)) - dot(f, _moved(body, v, column, W))
-    return length, rate + turns * around
+def _apart(tied, row, a, b, W):
+    """Return the points of two parts [m], and what `_direction` does."""
+    x, y = _position(tied, row, a, W), _position(tied, row, b, W)
+    length, e = _direction(x, y)
+    return x, y, length, e
 
 
 @inline
@@ -155,17 +140,76 @@ def _direction(x, y):
     return length, scale(d, select(apart, 1.0 / select(apart, length, 1.0 + 0.0 * length), 0.0 * length))
 
 
+@inline
+def _moved(tied, body, x, column, W):
+    """Return the velocity of a point x of a body by the motion of bodies that stands in six columns of W."""
+    if tied is None:
+        return add(load3(W, body, column + 3), cross(load3(W, body, column), x))
+    return _moved_or_still(body, x, column, W)
+
+
+@inline
+def _moved_or_still(body, x, column, W):
+    v = scale(x, 0.0)
+    if body != WORLD:
+        v = add(load3(W, body, column + 3), cross(load3(W, body, column), x))
+    return v
+
+
+@inline
+def _opening(tied, wraps, parts, row, k, column, W):
+    """Return the distance of a point from the one before, and its rate by the motion that stands in columns of W."""
+    if wraps is None:
+        return _straight_opening(tied, parts, row, k, column, W)
+    return _bent_opening(tied, wraps, parts, row, k, column, W)
+
+
+@inline
+def _straight_opening(tied, parts, row, k, column, W):
+    a, b = parts[k - 1], parts[k]
+    x, y, length, e = _apart(tied, row, a, b, W)
+    return length, dot(e, sub(_moved(tied, b.body, y, column, W), _moved(tied, a.body, x, column, W)))
+
+
 @kernel
-def _way(wraps, parts, k, W):
+def _bent_opening(tied, wraps, parts, row, k, column, W):
+    if parts[k - 1].kind != BEND:
+        return _straight_opening(tied, parts, row, k, column, W)
+    x, u, v, y, e, f, length, turns = _way(tied, wraps, parts, row, k, W)
+    rate = dot(f, _moved(tied, parts[k].body, y, column, W)) - dot(e, _moved(tied, parts[k - 2].body, x, column, W))
+    body = parts[k - 1].body
+    around = dot(e, _moved(tied, body, u, column, W)) - dot(f, _moved(tied, body, v, column, W))
+    return length, rate + turns * around
+
+
+@inline
+def _axes(tied, body, own, W):
+    """Return the rotation of a frame `own` of a body, common frame."""
+    if tied is None:
+        return compose(load9(W, body, R), own)
+    return _axes_or_own(body, own, W)
+
+
+@inline
+def _axes_or_own(body, own, W):
+    zero = 0.0 * W[0, P]
+    E = (own[0] + zero, own[1] + zero, own[2] + zero, own[3] + zero, own[4] + zero, own[5] + zero, own[6] + zero,
+         own[7] + zero, own[8] + zero)  # fmt: skip
+    if body != WORLD:
+        E = compose(load9(W, body, R), own)
+    return E
+
+
+@kernel
+def _way(tied, wraps, parts, row, k, W):
     """Return the points of the way around a shape to the point k, its directions at both ends, and its length.
 
     Last is 1 if it turns, else 0: then it is straight, and the points between mean nothing.
     """
     bend = parts[k - 1]
     wrap = wraps[bend.dof]
-    x = point_position(parts[k - 2].body, vector(parts[k - 2].point), W)
-    y = point_position(parts[k].body, vector(parts[k].point), W)
-    c, E = point_position(bend.body, vector(bend.point), W), compose(load9(W, bend.body, R), own_frame(wrap))
+    x, y = _position(tied, row, parts[k - 2], W), _position(tied, row, parts[k], W)
+    c, E = _position(tied, row, bend, W), _axes(tied, bend.body, own_frame(wrap), W)
     turns, u, v, arc = way_around(wrap, rotate_back(E, sub(x, c)), rotate_back(E, sub(y, c)))
     u, v = add(c, rotate(E, u)), add(c, rotate(E, v))
     straight, g = _direction(x, y)
@@ -176,14 +220,23 @@ def _way(wraps, parts, k, W):
 
 
 @inline
-def place_tendons(tendons, step, q, ball_q, v, ahead):
+def _place_base(tied, c, row, bases, step):
+    """Store where the base of the tree is, if the tendon c is tied to the world."""
+    if tied is not None:
+        if tied[c] > 0:
+            at = 7 * base_index(step.part)
+            store3(step.W, row, BASE, (bases[at], bases[at + 1], bases[at + 2]))
+
+
+@inline
+def place_tendons(tendons, step, q, ball_q, bases, v, ahead):
     """Fill lengths and speeds of a tree's tendons, whose joints have the positions q and speeds v.
 
-    ahead: how long after the step's start the poses are those of W and of the quaternions ball_q [s]; q are those at
-    the start.
+    ahead: how long after the step's start the poses are those of W, of the quaternions ball_q and of the bases [s]; q
+    are those at the start.
     """
     if tendons is not None:
-        _place(ball_q, tendons, step, q, v, ahead)
+        _place(ball_q, bases, tendons, step, q, v, ahead)
 
 
 @inline
@@ -204,11 +257,12 @@ def _about(W, row, dof, rates):
 
 
 @kernel
-def _place(ball_q, tendons, step, q, v, ahead):
+def _place(ball_q, bases, tendons, step, q, v, ahead):
     W, (first, end) = step.W, tendons_of(step.part, tendons.table)
     for c in range(first, end):
         t = tendons.table[c]
         length, speed = t.offset + 0.0 * W[0, V], 0.0 * W[0, V]
+        _place_base(tendons.tied, c, t.row, bases, step)
         for k in range(t.first, t.end):
             p = tendons.parts[k]
             if p.kind == JOINT:
@@ -219,7 +273,7 @@ def _place(ball_q, tendons, step, q, v, ahead):
                 length = length + p.coefficient * (turned - ahead * rate)
                 speed = speed + p.coefficient * rate
             elif p.kind == POINT:
-                distance, rate = _opening(tendons.wraps, tendons.parts, k, V, W)
+                distance, rate = _opening(tendons.tied, tendons.wraps, tendons.parts, t.row, k, V, W)
                 length = length + p.coefficient * (distance - ahead * rate)
                 speed = speed + p.coefficient * rate
         W[t.row, LB], W[t.row, U0], W[t.row, UK] = length, speed, speed
@@ -239,39 +293,48 @@ def _respond(tendons, t, inertia, step):
             for j in range(3):
                 push_torque(tree, root, b.body + j, b.coefficient * W[t.row, AXIS + j], t.column, t.row, W)
         elif b.kind == POINT:
-            _pull(tendons.wraps, tendons.parts, k, tree, root, t, W)
+            _pull(tendons.tied, tendons.wraps, tendons.parts, k, tree, root, t, W)
     answer(inertia, step.scene.coupling, part, tree, t.row, t.column, W)
 
 
 @inline
-def _pull(wraps, parts, k, tree, root, t, W):
+def _pull(tied, wraps, parts, k, tree, root, t, W):
     """Add what a unit force along the way to the point k leaves."""
     if wraps is None:
-        _pull_straight(parts, k, tree, root, t, W)
+        _pull_straight(tied, parts, k, tree, root, t, W)
     else:
-        _pull_bent(wraps, parts, k, tree, root, t, W)
+        _pull_bent(tied, wraps, parts, k, tree, root, t, W)
 
 
 @inline
-def _pull_straight(parts, k, tree, root, t, W):
+def _pull_straight(tied, parts, k, tree, root, t, W):
     a, b = parts[k - 1], parts[k]
-    x, y, _, e = _apart(a, b, W)
+    x, y, _, e = _apart(tied, t.row, a, b, W)
     f = scale(e, b.coefficient)
-    push_force(tree, root, b.body, cross(y, f), f, t.row, t.column, W)
-    push_force(tree, root, a.body, scale(cross(x, f), -1.0), scale(f, -1.0), t.row, t.column, W)
+    _push(tied, tree, root, b.body, cross(y, f), f, t, W)
+    _push(tied, tree, root, a.body, scale(cross(x, f), -1.0), scale(f, -1.0), t, W)
+
+
+@inline
+def _push(tied, tree, root, body, m, f, t, W):
+    """Add what a force f of moment m on a body leaves, unless that is the world."""
+    if tied is None:
+        push_force(tree, root, body, m, f, t.row, t.column, W)
+    elif body != WORLD:
+        push_force(tree, root, body, m, f, t.row, t.column, W)
 
 
 @kernel
-def _pull_bent(wraps, parts, k, tree, root, t, W):
+def _pull_bent(tied, wraps, parts, k, tree, root, t, W):
     if parts[k - 1].kind != BEND:
-        _pull_straight(parts, k, tree, root, t, W)
+        _pull_straight(tied, parts, k, tree, root, t, W)
         return
-    x, u, v, y, e, f, _, turns = _way(wraps, parts, k, W)
+    x, u, v, y, e, f, _, turns = _way(tied, wraps, parts, t.row, k, W)
     e, f = scale(e, parts[k].coefficient), scale(f, parts[k].coefficient)
-    push_force(tree, root, parts[k].body, cross(y, f), f, t.row, t.column, W)
-    push_force(tree, root, parts[k - 2].body, scale(cross(x, e), -1.0), scale(e, -1.0), t.row, t.column, W)
+    _push(tied, tree, root, parts[k].body, cross(y, f), f, t, W)
+    _push(tied, tree, root, parts[k - 2].body, scale(cross(x, e), -1.0), scale(e, -1.0), t, W)
     m, d = scale(sub(cross(u, e), cross(v, f)), turns), scale(sub(e, f), turns)
-    push_force(tree, root, parts[k - 1].body, m, d, t.row, t.column, W)
+    _push(tied, tree, root, parts[k - 1].body, m, d, t, W)
 
 
 # ---------------------------------------------------------------------------------------------- the force
@@ -389,7 +452,7 @@ def _solved(tendons, step, accelerations):
             elif p.kind == TURN:
                 rate = rate + p.coefficient * _about(W, t.row, p.dof, accelerations)
             elif p.kind == POINT:
-                _, along = _opening(tendons.wraps, tendons.parts, k, U, W)
+                _, along = _opening(tendons.tied, tendons.wraps, tendons.parts, t.row, k, U, W)
                 rate = rate + p.coefficient * along
         W[t.row, UN] = W[t.row, U0] + step.h_implicit * rate
         W[t.row, TL] = W[t.row, T0] - W[t.row, CT] * W[t.row, UN]

@@ -73,7 +73,7 @@ def _forces(step, dy):
         step.Z[TAU, i] = T + others
     contact_rates(scene.contact, step, dy)
     fluid_rates(scene.fluid, step)
-    place_tendons(scene.tendons, step, q, ball_q, v, 0.0)
+    place_tendons(scene.tendons, step, q, ball_q, bases_at(None, step), v, 0.0)
     linearize_tendons(scene.tendons, step)
     move_tendons(scene.tendons, step, U0)
 

@@ -124,7 +124,8 @@ def solve_step(step):
 def place_tendons_at(step):
     """Fill lengths and speeds of tendons at the predicted state."""
     q, ball_q = step.y[step.offsets.q :], _balls_at(step.predicted, step)
-    place_tendons(step.scene.tendons, step, q, ball_q, step.Z[VP], lookahead(step.predicted, step.h_implicit))
+    bases, ahead = bases_at(step.predicted, step), lookahead(step.predicted, step.h_implicit)
+    place_tendons(step.scene.tendons, step, q, ball_q, bases, step.Z[VP], ahead)
 
 
 @inline

@@ -107,10 +107,6 @@ def why_not(m: Any, tree: Tree, t: int) -> str | None:
         return "whose coefficients are all 0"
     if not all(tree.holds(m, b) for b in bodies_of(m, t)):
         return "which tie the robot to another one"
-    sites = [int(m.wrap_objid[w]) for w in _wraps(m, t) if m.wrap_type[w] == SITE_WRAP]
-    ends = [at_site(m, s) for s in sites] + [_at_geom(m, int(m.wrap_objid[w])) for w in around]
-    if any(placed(m, tree, end, 0)[0] is None for end in ends):
-        return "which tie a floating base to the world"
     return None
 
 
@@ -126,7 +122,6 @@ def _at_geom(m: Any, g: int) -> End:
 def _wrap(m: Any, tree: Tree, w: int, top: int) -> Wrap:
     g, side = int(m.wrap_objid[w]), _side(m, w)
     link, rpy, point = placed(m, tree, _at_geom(m, g), top)
-    assert link is not None  # else the tendon is left out
     axis = vector(rotation_from_rpy(rpy)[:, 2])
     at = None if side is None else placed(m, tree, at_site(m, side), top)[2]
     return Wrap(link, AROUND[int(m.wrap_type[w])], float(m.geom_size[g, 0]), point, axis, at)  # type: ignore[arg-type]
@@ -140,7 +135,6 @@ def _tendon(m: Any, tree: Tree, t: int, name: str, top: int) -> Tendon:
             joints.append((tree.joint_names[k], float(m.wrap_prm[w])))
         elif m.wrap_type[w] == SITE_WRAP:
             link, _, point = placed(m, tree, at_site(m, k), top)
-            assert link is not None  # else it is left out
             path.append(Via(link, point, share if path else 1.0))
             share = _share(m, t, w)
         elif m.wrap_type[w] in AROUND:
@@ -199,8 +193,8 @@ def tendon_notes(m: Any, tree: Tree) -> Iterator[str]:
 # ---------------------------------------------------------------------------------------------- writing
 
 
-def tendon_site_lines(model: Model, link: str) -> list[str]:
-    """Write the sites of tendons on a link."""
+def tendon_site_lines(model: Model, link: str | None) -> list[str]:
+    """Write the sites of tendons on a link, or in the world."""
     found = []
     for tendon in model.tendons:
         for k, via in enumerate(tendon.path):

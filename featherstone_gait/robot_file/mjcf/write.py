@@ -50,7 +50,7 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
     couplings = [(joint.name, joint.mimic) for joint in model.moving_joints if joint.mimic]
     sections = {
         "asset": [*mesh_lines(model), *field_lines(ground)],
-        "worldbody": [*floor, *site_lines(model.loops, None), *_root_lines(model, inertias)],
+        "worldbody": [*floor, *_site_lines(model, None), *_root_lines(model, inertias)],
         "equality": [
             line
             for name, (leader, b, a) in ((name, astuple(mimic)) for name, mimic in couplings)
@@ -140,7 +140,7 @@ def _inside(model: Model, link: str, inertias: Inertials) -> list[str]:
     return [*inertias.get(link, []), *geom_lines(model, link), *_site_lines(model, link), *children]
 
 
-def _site_lines(model: Model, link: str) -> list[str]:
+def _site_lines(model: Model, link: str | None) -> list[str]:
     return [*site_lines(model.loops, link), *tendon_site_lines(model, link)]
 
 
@@ -193,7 +193,7 @@ def _is_frame(model: Model, name: str) -> bool:
     link = model.link(name)
     ends = [joint for joint in model.joints if name in (joint.parent, joint.child)]
     carries = {shape.link for shape in model.shapes} | {point.link for point in model.contacts}
-    carries |= {via.link for tendon in model.tendons for via in tendon.path}
+    carries |= {via.link for tendon in model.tendons for via in tendon.path if via.link is not None}
     carries |= {end for loop in model.loops for end in (loop.a, loop.b) if end is not None}
     plain = link.mass == 0 and not any(link.inertia) and name != model.root and name not in carries
     return plain and len(ends) == 2 and all(_moves(model, one) for joint in ends for one in written_degrees(joint))
