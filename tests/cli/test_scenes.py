@@ -48,6 +48,7 @@ def test_info_says_what_touches_what(file, capsys):
     assert "humanoid/right_foot - humanoid/left_foot" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.long
 def test_a_scene_is_simulated_saved_and_shown(file, tmp_path, capsys):
     out = ["--out", str(tmp_path)]
     assert cli.main(["simulate", str(file), "--pairs", "all", "--duration", "0.2", *out]) == 0

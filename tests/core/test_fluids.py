@@ -169,6 +169,7 @@ def test_a_slow_sphere_falls_as_stokes_says():
     assert simulate(scene, 1.0, record=("base_qd",))["base_qd"][-1, 2] == pytest.approx(-speed, rel=1e-5)
 
 
+@pytest.mark.long
 def test_a_current_carries_what_it_holds():
     scene = compile_scene(
         floating(Sphere(0.05), 0.5, drag=1.0, added_mass=0.5), fluid=Fluid(WATER, current=(0.3, -0.2, 0.0))
@@ -186,6 +187,7 @@ FLOATS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("added", [0.0, 0.5])
 @pytest.mark.parametrize("name", ["sphere", "box", "cylinder"])
 def test_bodies_float_and_bob_as_their_waterplane_says(name, added):

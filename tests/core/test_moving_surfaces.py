@@ -28,6 +28,7 @@ def box(friction=0.4):
     return body(Box((0.2, 0.2, 0.02)), 1.0, friction=friction)
 
 
+@pytest.mark.long
 def test_a_box_on_a_belt_slides_until_it_moves_along():
     """Its speed is mu g t up to the belt's; the belt's work is that and what friction takes."""
     mu, v = 0.4, 1.0
@@ -43,6 +44,7 @@ def test_a_box_on_a_belt_slides_until_it_moves_along():
     assert run["contact_work"][-1, 0] == pytest.approx(0.5 * v * v, rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.9, 1.1])
 def test_a_turntable_carries_a_box_while_friction_can(share):
     mu, r = 0.3, 0.5
@@ -80,6 +82,7 @@ def wheel(angle, friction=0.8):
     return Model("cart", links, joints, contacts=(rim,))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("angle", [math.pi / 2, math.pi / 4, -math.pi / 4])
 def test_a_wheel_with_rollers_slips_across_their_axis_alone(angle):
     """Along the rollers' axis d nothing slips, d.(v - w r x) = 0, and across it there is no force."""

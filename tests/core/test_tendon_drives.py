@@ -116,6 +116,7 @@ def test_drives_are_mujocos_actuators(tmp_path):
     assert 0 < clamped < 20
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("reference", [(0.1, 0.5, 0.0), (9.0, 0.5, 0.0)])
 def test_one_implicit_step_is_a_dense_solution(reference):
     """(M + h J' (K h + C) J) a = J' f, with a drive beyond its limit or within."""
@@ -154,6 +155,7 @@ def test_a_reference_of_joints_alone_holds_the_tendons(tmp_path):
     assert load_robot(tmp_path / "arm.urdf").tendons == model.tendons
 
 
+@pytest.mark.long
 def test_a_session_commands_tendons_after_joints():
     model = arm()
     scene = compile_scene(model, integrator="implicit_euler", timestep=2e-3, gravity=(0.0, 0.0, 0.0))

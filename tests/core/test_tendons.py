@@ -173,6 +173,7 @@ def test_springs_pull_by_the_slope_of_their_energy():
 # --- the implicit step -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.quick("1.0*fixed")
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 @pytest.mark.parametrize("coupled", [False, True])
@@ -207,6 +208,7 @@ def test_a_step_from_rest_is_that_of_the_whole_matrix(base, coupled, stiffness):
     assert run.info["newton_passes"] == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", FIXED)
 def test_a_tendon_of_one_joint_is_the_joints_own_spring_and_stop(integrator):
     """With the coefficient c its stiffness and damping are c^2 times as large at the joint, and limits c times."""

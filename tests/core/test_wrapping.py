@@ -102,6 +102,7 @@ def test_lengths_and_torques_are_those_of_mujoco(tmp_path):
     assert (bent[:3] < 57).any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 def test_the_jacobian_is_how_lengths_change(base):
     model = wound(base)

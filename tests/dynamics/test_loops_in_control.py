@@ -81,6 +81,7 @@ def test_joints_that_depend_on_each_other_cannot_all_be_independent():
         independent_coordinates(model, at_crank(0.7), independent=["wheel"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["dop853", "rk4"])
 def test_a_hanging_slider_crank_swings_with_the_frequency_of_its_closed_form(integrator):
     model, x = slider_crank(), np.pi / 2  # angles turn x to -z
@@ -100,6 +101,7 @@ def slope_of(f, x, h=1e-4):
     return (8.0 * (f(x + h) - f(x - h)) - f(x + 2 * h) + f(x - 2 * h)) / (12.0 * h)
 
 
+@pytest.mark.long
 def test_a_weld_leaves_a_floating_robot_the_motion_of_one_body():
     box = {"inertia": (0.02, 0.001, 0.0, 0.03, 0.002, 0.04)}
     links = Link("body", 2.0, **box), Link("arm", 1.0, (0.1, 0.0, 0.0), **box)
@@ -119,6 +121,7 @@ def test_a_weld_leaves_a_floating_robot_the_motion_of_one_body():
     np.testing.assert_allclose(found[0].deviation(found[0].moved(x)), x, rtol=0, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gearbox", ["standard", "mipsd"])
 def test_one_servo_holds_a_four_bar_with_the_torque_of_its_closed_form(gearbox):
     model, x = servo_four_bar(), 1.0
@@ -137,6 +140,7 @@ def test_one_servo_holds_a_four_bar_with_the_torque_of_its_closed_form(gearbox):
     assert np.ptp(run["q"], axis=0).max() < 1e-9
 
 
+@pytest.mark.long
 def test_without_servos_the_least_torques_hold_a_robot_with_loops():
     model, q = slider_crank(), at_crank(0.7)
     found = trim(compile_scene(model, integrator="rk4", timestep=1e-3), q)
@@ -146,6 +150,7 @@ def test_without_servos_the_least_torques_hold_a_robot_with_loops():
     np.testing.assert_allclose(np.cross(found.torque, ratios), 0.0, atol=1e-12)  # the loop's forces bear all else
 
 
+@pytest.mark.long
 def test_a_rod_between_its_shanks_helps_a_humanoid_to_stand():
     model = load_robot("humanoid", locked="simplified")
     alone = compile_scene(model, "mipsd", Ground(), "implicit_euler", 1e-3)
@@ -172,6 +177,7 @@ def test_joints_without_motors_that_loops_do_not_hold_are_told():
     assert "loose" in found.message
 
 
+@pytest.mark.long
 def test_a_robot_hangs_from_the_world_by_its_feet():
     model = load_robot("humanoid", locked="simplified")
     q = np.concatenate([[0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0], np.zeros(len(model.joint_names))])  # upside down

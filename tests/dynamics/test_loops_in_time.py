@@ -122,6 +122,7 @@ def test_loops_stay_closed_and_keep_their_energy_over_ten_minutes():
     assert lost[1] < 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("gearbox", "integrator"), [(None, "dop853"), ("mipsd", "ars343")])
 def test_the_integrator_is_chosen_as_without_loops_and_says_why(gearbox, integrator):
     scene = compile_scene(servo_four_bar(), gearbox)
@@ -259,6 +260,7 @@ def test_worlds_and_sessions_with_loops_give_the_bits_of_one_run():
 # ------------------------------------------------------------------------------------------------ forces
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4", "dop853"])
 def test_a_weight_on_a_rod_pulls_with_its_weight(integrator):

@@ -44,6 +44,7 @@ def kicked(env, seed):
     return total, start - np.hypot(*seen[-2:]), info
 
 
+@pytest.mark.long
 def test_gymnasium_finds_nothing_wrong(scene):
     made = gymnasium.make("featherstone_gait/Kick-v0", robot=scene, duration=0.2, render_mode="rgb_array")
     with warnings.catch_warnings():

@@ -33,6 +33,7 @@ def agrees(servo, kind):
         assert abs(run["current"][-1, 0]) == pytest.approx(curve.current[k], rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.quick("M[2-6]", "K_p")
 @pytest.mark.parametrize("name", MODELS)
 def test_steady_states_are_those_of_the_simulation(name):

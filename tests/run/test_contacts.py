@@ -166,6 +166,7 @@ def test_worlds_differ_in_the_numbers_of_pairs():
         Worlds(2, pairs={"stiffness": 1.0})
 
 
+@pytest.mark.long
 def test_a_linear_model_of_a_box_on_a_table_has_the_stiffness_of_its_contact():
     """With gravity g and depth p at rest the height obeys z'' = -g / p z - g d z', d of Hunt and Crossley."""
     depth, h = 5e-4, 1e-3

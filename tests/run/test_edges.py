@@ -108,6 +108,7 @@ def push(begin, length, force):
     return {"pushes": [Push("car", (force, 0.0, 0.0), start=begin, end=begin + length)]}
 
 
+@pytest.mark.long
 @pytest.mark.quick("implicit_euler-torque")
 @pytest.mark.parametrize("kind", [torque, push], ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("integrator", FIXED)

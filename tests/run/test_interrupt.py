@@ -93,6 +93,7 @@ def test_a_run_in_a_thread_of_its_own_has_the_same_bits(handed_over):
     assert runs[0].final.tobytes() == runs[1].final.tobytes()
 
 
+@pytest.mark.long
 @pytest.mark.quick("True-ars343")
 @pytest.mark.parametrize("integrator", ["dop853", "ars343", "extrapolation"])
 @pytest.mark.parametrize("sampled", [True, False])

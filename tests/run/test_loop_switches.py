@@ -53,6 +53,7 @@ def test_carts_that_lock_move_on_with_their_common_speed(kind):
     assert simulate(scene, 0.01, freed, record=("loop_force",), **ONCE)["loop_force"].any() == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 def test_a_loop_is_made_where_it_is_or_refused_with_its_gap(base):
     model = sliders("weld", gap=0.02, base=base)
@@ -135,6 +136,7 @@ def test_a_hand_catches_a_falling_box_holds_it_by_its_weight_and_drops_it(integr
     assert not dropped["loop_force"][1:].any()
 
 
+@pytest.mark.long
 def test_each_robot_of_a_session_makes_and_breaks_its_own_loop():
     scene = compile_scene(sliders(), integrator="implicit_euler", timestep=1e-3)
     start = initial_state(scene, [0.0, 0.5], [2.0, 0.0], open_loops=["lock"])

@@ -56,6 +56,7 @@ def test_a_robot_overlaps_itself_wherever_it_stands_as_its_distances_say():
     assert seen > 5
 
 
+@pytest.mark.long
 def test_a_start_that_overlaps_is_told_by_pair_and_depth():
     with pytest.warns(OverlapWarning, match=r"'b/body' and 'a/body' by 0.03 m"):
         run = simulate(pile(0.03, -0.01), 2e-3, estimate_error=False)

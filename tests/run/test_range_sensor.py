@@ -45,6 +45,7 @@ def measured(geometry, sensor, **where):
     return ranges(*wall(geometry, **where), sensor)[-1]
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize("angle", [-1.2, -0.4, 0.0, 0.9])
 def test_a_wall_at_an_angle_is_as_far_as_trigonometry_has_it(angle):

@@ -43,6 +43,7 @@ def test_carts_that_lock_at_a_time_move_on_with_their_common_speed_until_they_pa
     np.testing.assert_allclose(run["loop_loss"][-1], 1.5, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_a_run_that_switches_has_the_bits_of_its_parts_resumed_runs_and_lanes():
     scene = compile_scene(sliders(), integrator="rk4", timestep=1e-3)
     switches = [(0.1, "lock", True, math.inf), (0.203, "lock", False)]
@@ -87,6 +88,7 @@ def test_wrong_switches_are_refused():
             simulate(scene, 0.2, start, switches=switches, **ONCE)
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.quick("implicit_euler")
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "ars343"])

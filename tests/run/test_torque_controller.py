@@ -101,6 +101,7 @@ def start(scene):
     return initial_state(scene, [0.1, 0.2], [0.3, -0.4])
 
 
+@pytest.mark.long
 def test_a_regulator_holds_the_pole_as_its_own_loop_does():
     gains, goal = regulator(), Reference([0.0, 0.5], [[0.0, 0.0], [0.4, 0.0]])
     scene = compile_scene(cart_pole())
