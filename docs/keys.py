@@ -23,6 +23,7 @@ from featherstone_gait.model import (
     Propeller,
     Servo,
     Supply,
+    Surface,
     Tendon,
 )
 from featherstone_gait.model.fluid import LAWS
@@ -39,6 +40,7 @@ TABLES: dict[str, tuple[type, Iterable[str]]] = {
     "propellers": (Propeller, [f.name for f in fields(Propeller)]),
     "fluid": (Fluid, [f.name for f in fields(Fluid)]),
     "links": (Link, OWN["links"]),
+    "surface": (Surface, [f.name for f in fields(Surface)]),
     "joints": (Joint, OWN["joints"]),
     "supply": (Supply, [f.name for f in fields(Supply)]),
     **{part.__name__: (part, [f.name for f in PARTS[part]]) for part in (Controller, Gearbox, Servo)},
@@ -51,6 +53,7 @@ ALLOWED = {  # by type, of fields that state no range
     "Law": ", ".join(get_args(Law)),
     "FluidLaw": ", ".join(LAWS),
     "Geometry": "{shape, radius, ...}",
+    "Surface | None": "{velocity, ...}",
     "float | Vector": "number >= 0, [x, y, z]",
     "tuple[float, ...]": "[number, ...]",
     "tuple[tuple[float, ...], ...] | None": "six rows of six",

@@ -57,6 +57,7 @@ from .model import Propeller as Propeller
 from .model import Servo as Servo
 from .model import Spring as Spring
 from .model import Supply as Supply
+from .model import Surface as Surface
 from .model import Tendon as Tendon
 from .model import Via as Via
 from .model import Wrap as Wrap
@@ -104,6 +105,7 @@ from .run.simulate import simulate as simulate
 from .run.simulate import simulate_batch as simulate_batch
 from .run.simulate import standing_state as standing_state
 from .run.status import Status as Status
+from .run.switch import command_surface as command_surface
 from .run.switch import switch_loop as switch_loop
 from .run.trajectory import Trajectory as Trajectory
 from .run.worlds import Distribution as Distribution

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..base.arguments import instance, real
-from ..model import LARGEST, Base, HeightField, Link, Model
+from ..model import LARGEST, Base, HeightField, Link, Model, Surface
 from ..model.checks import check, choice_flaws, name_flaws, vector_flaws
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
 from .contact_choice import with_contacts
@@ -25,6 +25,7 @@ def body(
     friction: float | None = None,
     torsional_friction: float | None = None,
     rolling_friction: float | None = None,
+    surface: Surface | None = None,
 ) -> Model:
     """Make a free object, or an obstacle, of one shape.
 
@@ -50,6 +51,8 @@ def body(
         Coefficient of friction with the ground [-]; None: that of the `Ground`.
     torsional_friction, rolling_friction : float, optional
         Coefficients of the moments between bodies that resist spinning and rolling [m]; None: those of `PairContact`.
+    surface : Surface, optional
+        How its surface moves, as that of a belt or turntable; None: it rests.
 
     Returns
     -------
@@ -91,6 +94,6 @@ def body(
         tuple(mass * moment for moment in solid.moments) if inertia is None else tuple(inertia),
     )
     more = torsional_friction, rolling_friction
-    one = Shape(LINK, shape, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "", friction, *more)
+    one = Shape(LINK, shape, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "", friction, *more, surface)
     model = Model(name, (link,), (), base, shapes=(one,))
     return with_contacts(model, "all") if base == "floating" else model

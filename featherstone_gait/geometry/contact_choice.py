@@ -179,7 +179,7 @@ def _placed(
     """Make contact points at points (n, 3) of a shape's frame."""
     at = np.array(shape.xyz) + applied(rotation_from_rpy(shape.rpy), points)
     return [
-        ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis, friction=shape.friction)
+        ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis, friction=shape.friction, surface=shape.surface)
         for x, y, z in at.tolist()
     ]
 

@@ -25,6 +25,7 @@ from .checks import (
     vector_flaws,
 )
 from .links import AXIS_TOLERANCE, Vector
+from .surface import Surface
 
 MOST_STAIRS = 10**6
 
@@ -58,6 +59,8 @@ class ContactPoint:
     roller_friction : float
         Coefficient of friction across the roller's axis, where the roller turns [-]; `friction` is that along it, and
         between both the largest force is an ellipse.
+    surface : Surface or None
+        How the surface of the link moves there, as that of a track; None: it rests.
     """
 
     link: str
@@ -69,6 +72,7 @@ class ContactPoint:
     friction: float | None = None
     roller_angle: float | None = None
     roller_friction: float = quantity(">= 0", "-", 0.0, "0 is rollers that turn freely")
+    surface: Surface | None = None
 
     __repr__ = brief
 
@@ -79,6 +83,8 @@ class ContactPoint:
         instance(f"{what}: load_bearing", self.load_bearing, (bool, np.bool_), "give True or False")
         freeze(self, "position", "axis")
         check(quantity_flaws(what, self), friction_flaws(what, self.friction))
+        if self.surface is not None:
+            instance(f"{what}: surface", self.surface, Surface, "give Surface(velocity=...), or None")
         if self.roller_angle is not None:
             remedy = "pi/2 is an omni wheel, pi/4 a mecanum wheel"
             check(number_flaws(what, "roller_angle", self.roller_angle, "finite", "rad", remedy))

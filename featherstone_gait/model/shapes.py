@@ -15,6 +15,7 @@ from ..base.arguments import floats, instance, is_real, shown, vector
 from ..base.brief import brief
 from .checks import check, friction_flaws, number_flaws
 from .ground import HeightField
+from .surface import Surface
 
 Vector = tuple[float, float, float]
 
@@ -165,6 +166,8 @@ class Shape:
         Coefficient of friction with the ground [-]; None: that of the `Ground`.
     torsional_friction, rolling_friction : float or None
         Coefficients of the moments between bodies, as in `PairContact` [m]; None: those of the `PairContact`.
+    surface : Surface or None
+        How its surface moves on the link; None: it rests.
     """
 
     link: str
@@ -175,6 +178,7 @@ class Shape:
     friction: float | None = None
     torsional_friction: float | None = None
     rolling_friction: float | None = None
+    surface: Surface | None = None
 
     __repr__ = brief
 
@@ -186,6 +190,8 @@ class Shape:
         instance(f"{what}: geometry", self.geometry, kinds, remedy)
         instance(f"{what}: name", self.name, str, "give a text")
         check(friction_flaws(what, self.friction))
+        if self.surface is not None:
+            instance(f"{what}: surface", self.surface, Surface, "give Surface(velocity=...), or None")
         for name in ("torsional_friction", "rolling_friction"):
             if getattr(self, name) is not None:
                 remedy = "give the largest moment by the normal force, or None"

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from ..base import arguments
 from ..base.arguments import instance, listed, real, texts, truth
 from ..geometry.contact_choice import Choice, with_contacts
-from ..model import LARGEST, Base, Joint, Mimic, Model
+from ..model import LARGEST, Base, Joint, Mimic, Model, Surface
 from ..model.degrees import by_degree, degrees_of
 from ..model.links import Leader, leader_of
 from ..model.rest_posture import nearest_positions
@@ -176,6 +176,8 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
 def model_of(path: Path, robot: Robot, settings: Settings, report: Report, package_dirs: tuple[str, ...]) -> Model:
     """Make the model; report what is wrong with it."""
     own, postures = settings.parts, {**robot.postures, **settings.postures}
+    moving = {name: stated["surface"] for name, stated in own["links"].items() if "surface" in stated}
+    numbers = {name: {k: x for k, x in stated.items() if k != "surface"} for name, stated in own["links"].items()}
     keyframes = {
         name: (*(at.base if robot.base == "floating" else ()), *at.numbers(robot.joints, robot.held))
         for name, at in postures.items()
@@ -183,13 +185,13 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
     with report.blaming():
         model = Model(
             name=robot.name,
-            links=tuple(replace(link, **own["links"].get(link.name, {})) for link in robot.links),
+            links=tuple(replace(link, **numbers.get(link.name, {})) for link in robot.links),
             joints=tuple(replace(joint, **own["joints"].get(joint.name, {})) for joint in robot.joints),
             base=robot.base or "fixed",
             locked=robot.held,
             servos={**robot.servos, **settings.servos},
-            contacts=settings.contacts,
-            shapes=robot.shapes,
+            contacts=_with_surfaces(settings.contacts, moving),
+            shapes=_with_surfaces(robot.shapes, moving),
             keyframes={**keyframes, **settings.keyframes},
             notes=report.notes(),
             source=str(path),
@@ -203,6 +205,11 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
         )
     report.raise_problems(path)
     return model
+
+
+def _with_surfaces(parts: tuple[Any, ...], moving: Mapping[str, Surface]) -> tuple[Any, ...]:
+    """Return shapes or contact points with the surfaces of their links, but those that state their own."""
+    return tuple(one if one.surface else replace(one, surface=moving.get(one.link)) for one in parts)
 
 
 def _chosen(locked: Any, sets: Mapping[str, dict[str, float]], joints: Iterable[Joint]) -> dict[str, float]:

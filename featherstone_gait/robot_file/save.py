@@ -99,6 +99,8 @@ def _shape_lines(shape: Shape) -> list[str]:
     origin = element("origin", {"xyz": shape.xyz, "rpy": shape.rpy})
     if shape.friction is not None:
         origin += [comment(f"its friction with the ground is {shape.friction!r}, which URDF cannot state")]
+    if shape.surface is not None:
+        origin += [comment(f"its surface moves: {shape.surface!r}; URDF cannot state that, the TOML of a link can")]
     return element("collision", {"name": shape.name or None}, [*origin, *element("geometry", {}, geometry)])
 
 
@@ -146,13 +148,10 @@ def _stated_limits(joint: Joint) -> dict[str, float]:
 
 def _toml_text(model: Model) -> str:
     contacts = [f"  {{{', '.join(_assignments(asdict(contact)))}}}," for contact in model.contacts]
+    of_links = {link.name: _of_link(model, link) for link in model.links}
     tables: dict[str, Mapping[str, Any]] = {
         "locked.default": {written(name): position for name, position in model.locked.items()},
-        **{
-            f"links.{written(link.name)}": {"gravity_compensation": link.gravity_compensation}
-            for link in model.links
-            if link.gravity_compensation
-        },
+        **{f"links.{written(name)}": stated for name, stated in of_links.items() if stated},
         **{f"joints.{written(j.name)}": own for j in model.joints if (own := _own(j))},
         **{f"keyframes.{written(name)}": _posture(model, q) for name, q in model.keyframes.items()},
         **({"supply": asdict(model.supply)} if model.supply else {}),
@@ -182,6 +181,15 @@ def _toml_text(model: Model) -> str:
 def _stated(part: Any) -> dict[str, Any]:
     """Return the fields that differ from their defaults, and those that have none."""
     return {f.name: getattr(part, f.name) for f in fields(part) if getattr(part, f.name) != f.default}
+
+
+def _of_link(model: Model, link: Link) -> dict[str, Any]:
+    """Return what URDF cannot state of a link."""
+    found: dict[str, Any] = {"gravity_compensation": link.gravity_compensation} if link.gravity_compensation else {}
+    moving = {shape.surface for shape in model.shapes if shape.link == link.name}
+    if len(moving) == 1 and (surface := moving.pop()) is not None:
+        found["surface"] = asdict(surface)
+    return found
 
 
 def _own(joint: Joint) -> dict[str, float]:

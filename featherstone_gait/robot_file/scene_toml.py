@@ -38,6 +38,7 @@
     shape = "box"
     size = [0.8, 0.8, 0.02]
     position = [0.5, 0.0, 0.7]
+    surface = {velocity = [0.5, 0.0, 0.0], drive = "belt"}   # fields of Surface; objects have it as well
 
     [[loops]]                            # fields of Loop: between links of two robots or objects, or one and the world
     name = "grip"
@@ -77,6 +78,7 @@ from .toml import (
     real,
     record,
     string,
+    surface,
     table_of,
     truth,
     vector,
@@ -215,7 +217,7 @@ def _solid(row: dict[str, Any], what: str, folder: Path) -> Placed:
     kind = kind_of(row, what)
     own = tuple(f.name for f in fields(kind))
     of_mass = ("mass", "inertia", "center_of_mass", "friction") if moves else ()
-    check_keys(row, (*PLACE, "shape", *own, *of_mass, *MOMENTS), what)
+    check_keys(row, (*PLACE, "shape", *own, *of_mass, *MOMENTS, "surface"), what)
     geometry = beside(geometry_of(kind, row, what), folder)
     given: dict[str, Any] = {"name": string(row, "name", what)}
     if moves:
@@ -223,6 +225,7 @@ def _solid(row: dict[str, Any], what: str, folder: Path) -> Placed:
         given |= {"friction": number(row, "friction", what)} if "friction" in row else {}
         given |= {key: _numbers(row, key, what) for key in ("inertia", "center_of_mass") if key in row}
     given |= {key: number(row, key, what) for key in MOMENTS if key in row}
+    given |= {"surface": surface(row, "surface", what)} if "surface" in row else {}
     return _placed(row, what, body(geometry, base="floating" if moves else "fixed", **given))
 
 

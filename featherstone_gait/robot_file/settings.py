@@ -18,10 +18,10 @@ from ..model.tree_checks import check_links, check_locked
 from .report import Report
 from .robot import Posture
 from .servos import read_servos
-from .toml import Problems, beside, check_keys, name_pairs_of, number, read_toml, real, record, table_of
+from .toml import Problems, beside, check_keys, name_pairs_of, number, read_toml, real, record, surface, table_of
 
 OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
-    "links": ("gravity_compensation",),
+    "links": ("gravity_compensation", "surface"),  # the latter of its shapes and contact points
     "joints": ("upper", "armature", "stiffness", "spring_reference", "quadratic_stiffness", "cubic_stiffness",
         "quadratic_damping", "cubic_damping"),
 }
@@ -124,7 +124,9 @@ def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Jo
     inside, names = table_of(table, section, ""), {part.name for part in parts}
     declared = {f.name: f for f in fields(Link if section == "links" else Joint)}
 
-    def stated(own: dict[str, Any], key: str, what: str) -> float:
+    def stated(own: dict[str, Any], key: str, what: str) -> Any:
+        if key not in declared:
+            return surface(own, key, what)
         value = number(own, key, what)
         check(field_flaws(what, key, value, declared[key]))
         return value

@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ..base.arguments import is_real, shown
 from ..base.flaws import Flaw, FlawError, quoted
-from ..model import Controller, Via, Wrap
+from ..model import Controller, Surface, Via, Wrap
 from ..model.checks import check, field_flaws
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from .source import read_bytes
@@ -231,6 +231,11 @@ def _geometry(table: Mapping[str, Any], key: str, what: str) -> Geometry:
     return geometry_of(kind, inside, what)
 
 
+def surface(table: Mapping[str, Any], key: str, what: str) -> Surface:
+    """Read how a surface moves, given as a table of its own: {velocity = [...], drive = "left"}."""
+    return cast(Surface, record(Surface, table_of(table, key, ""), f"{what}: {key}"))
+
+
 def _number_or_three(table: Mapping[str, Any], key: str, what: str) -> float | tuple[float, ...]:
     return vector(table, key, what) if isinstance(table[key], list) else number(table, key, what)
 
@@ -266,6 +271,7 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "Geometry": _geometry,
     "float | Vector": _number_or_three,
     "FluidLaw": string,
+    "Surface | None": surface,
     "tuple[float, ...]": _reals,
     "tuple[tuple[float, ...], ...] | None": _matrix,
     "tuple[tuple[float, float], ...]": _matrix,

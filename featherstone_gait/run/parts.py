@@ -1,4 +1,4 @@
-"""Runs in parts, between which loops are made and broken at given times."""
+"""Runs in parts, between which loops are made and broken, and surfaces commanded, at given times."""
 
 from __future__ import annotations
 
@@ -10,24 +10,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.arguments import listed, real, shown, truth
+from ..base.arguments import is_real, listed, real, shown, truth
 from ..scene.compile import CompiledScene
 from .prepare import steps_between_records, whole_steps
 from .reference import Reference
 from .start import checked_state, driven_lengths, initial_state, loop_names
-from .switch import WITHIN, switch_loop
+from .switch import WITHIN, checked_command, command_surface, drive_number, switch_loop
 from .trajectory import Trajectory
 
-GIVE = "give a list of (time [s], name of a loop, closed), and the largest gap as a fourth if need be"
+GIVE = (
+    "give a list of (time [s], name of a loop, closed), and the largest gap as a fourth if need be, or (time [s], name "
+    "of a drive of surfaces, command)"
+)
 ON_STEP = 1e-6  # of a step: what counts as at its end
 
 
 class Switch(NamedTuple):
-    """A loop that is made or broken during a run."""
+    """A loop that is made or broken, or a surface that is commanded, during a run."""
 
     time: float  # since the first start [s]
     name: str
-    closed: bool
+    closed: Any  # or the command of a drive of surfaces
     within: float = WITHIN  # as in `switch_loop` [m or rad]
 
 
@@ -39,10 +42,16 @@ def check_switches(scenes: Iterable[CompiledScene], switches: Sequence[Any]) -> 
             raise TypeError(f"switches: {shown(given)} is no tuple of three or four; {GIVE}")
         one = Switch(*given)
         time = real("switches: time", one.time, 0.0, 1e9, "it counts from the first start [s]")
+        if not isinstance(one.closed, bool | np.bool_) and is_real(one.closed):
+            found.append(Switch(time, one.name, checked_command(one.closed)))
+            continue
         within = real("switches: within", one.within, 0.0, math.inf, "1e-3 is usual, math.inf closes it anywhere")
         found.append(Switch(time, one.name, truth("switches: closed", one.closed), within))
     for scene in {id(scene): scene for scene in scenes}.values():
-        loop_names(scene, [one.name for one in found], "switches")
+        loop_names(scene, [one.name for one in found if isinstance(one.closed, bool)], "switches")
+        for one in found:
+            if not isinstance(one.closed, bool):
+                drive_number(scene, one.name)
     return sorted(found, key=lambda one: one.time)
 
 
@@ -70,8 +79,9 @@ def divided(
         if abs(one.time - begin - step * h) > ON_STEP * h:
             what = "controller ticks" if scene.sampled else "steps"
             raise ValueError(
-                f"switches: {one.time:g} s of loop {one.name!r} is between {what} of {grid * h:g} s, where loops are "
-                f"switched: take {begin + step * h:g} s, or compile the scene with a timestep that divides it"
+                f"switches: {one.time:g} s of {one.name!r} is between {what} of {grid * h:g} s, where loops are "
+                f"switched and surfaces commanded: take {begin + step * h:g} s, or compile the scene with a timestep "
+                "that divides it"
             )
         at.setdefault(step, []).append(one)
     ends, every = sorted(at), steps_between_records(scene, record_interval)
@@ -133,14 +143,18 @@ def _switched(scene: CompiledScene, state: Any, switches: Sequence[Switch]) -> A
     """Return a state, or a run with its final state and that of its second run, after some switches."""
     for one in switches:
         if isinstance(state, Trajectory):
-            second = state.second_final
-            if second is not None:
-                second = switch_loop(scene, second, one.name, one.closed, one.within)
-            final = switch_loop(scene, state.final, one.name, one.closed, one.within)
-            state = replace(state, final=final, second_final=second)
+            second = None if state.second_final is None else _after(scene, state.second_final, one)
+            state = replace(state, final=_after(scene, state.final, one), second_final=second)
         else:
-            state = switch_loop(scene, state, one.name, one.closed, one.within)
+            state = _after(scene, state, one)
     return state
+
+
+def _after(scene: CompiledScene, y: Any, one: Switch) -> np.ndarray:
+    """Return the state after a switch."""
+    if isinstance(one.closed, bool):
+        return switch_loop(scene, y, one.name, one.closed, one.within)
+    return command_surface(scene, y, one.name, one.closed)
 
 
 def _whole(runs: list[Trajectory], plan: Parts, h: float) -> Trajectory:

@@ -45,7 +45,7 @@ Writes = Literal["reference", "voltage", "torque"]
 SEEN = tuple(channel.name for channel in IN_STATE if channel.kind != "run")
 State = namedtuple("State", SEEN)  # type: ignore[misc]  # arrays by channel, flat; of length 0 where there is none
 ARGUMENTS = ("t", "state", "reference", "command", "memory")
-LENGTH, JOINTS, MEMORY, STARTS = 0, 1, 2, 3  # in the places
+LENGTH, JOINTS, MEMORY, COMMANDS, STARTS = range(5)  # in the places
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +149,8 @@ class CompiledController:
     def bound(self, scene: CompiledScene, zeros: Callable[..., np.ndarray]) -> core.Program:
         """Return what the kernels read, with its memory as it begins."""
         n, length = scene.tree.n, scene.layout["length"]
-        starts = [place for name in SEEN for place in scene.part(name)]
-        places = np.array([length, n, self.memory, *starts], np.int64)
+        starts, commands = [place for name in SEEN for place in scene.part(name)], n + len(scene.surface_drives)
+        places = np.array([length, n, self.memory, commands, *starts], np.int64)
         memory = zeros(self.memory)
         memory.T[...] = self.first_memory
         return core.Program(
@@ -164,9 +164,10 @@ class CompiledController:
             state=np.zeros(length),
             offsets=places,
             reference=np.zeros(2 * n),
-            own_command=np.zeros(2 * n),
+            own_command=np.zeros(2 * commands),
             own_memory=np.zeros(self.memory),
             failure=np.zeros(4),
+            surfaces=scene.layout["surface_command"],
         )
 
     def _address(self) -> Any:
@@ -197,8 +198,9 @@ class CompiledController:
         if failed == core.NOT_FINITE:
             i, column = divmod(int(where), 2)
             what = "rate" if column else self.writes
+            of = f"{what} of joint {joints[i]}" if i < len(joints) else f"command of surface drive {i - len(joints)}"
             raise ValueError(
-                f"controller {self.name} wrote {program.own_command[int(where)]} as {what} of joint {joints[i]}, "
+                f"controller {self.name} wrote {program.own_command[int(where)]} as {of}, "
                 f"command[{i}, {column}], {when}: give finite numbers, at most {core.LARGEST:g} in size"
             )
         why, arrays = "an exception", (program.state, program.offsets, program.reference)
@@ -209,7 +211,7 @@ class CompiledController:
         except Exception as error:
             why, cause = f"{type(error).__name__}: {error}", error
         raise ValueError(
-            f"controller {self.name} failed {when}: {why}; command is ({len(program.reference) // 2}, 2) and "
+            f"controller {self.name} failed {when}: {why}; command is ({len(program.own_command) // 2}, 2) and "
             f"memory ({self.memory},): write within them, or ask for more memory"
         ) from cause
 
@@ -233,6 +235,8 @@ def controller(
         by name, as `state.q` (joints,) or `state.base_q` (7,), flat, empty where the robot has none, not to be written;
         what the servos would follow (joints, 2), position [rad or m] and rate; its command (joints, 2), what they are
         to follow, which equals `reference` until it is written; and its own numbers (memory,), zero at the start.
+        After the joints' the command has a row for each of `CompiledScene.surface_drives`, whose first number is the
+        command of surfaces that move, such as belts, and stands until it is written.
     memory
         How many numbers it keeps.
     period
@@ -425,7 +429,7 @@ def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
         f"    seen = State({fields})",
         "    try:",
         "        function(",
-        "            t, seen, carray(reference, (n, 2)), carray(command, (n, 2)),",
+        f"            t, seen, carray(reference, (n, 2)), carray(command, (places[{COMMANDS}], 2)),",
         f"            carray(memory, places[{MEMORY}]),",
         "        )",
         "    except Exception:",

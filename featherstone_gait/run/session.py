@@ -46,7 +46,7 @@ from .program import CompiledController, open_loop, with_ticks
 from .reference import Reference
 from .start import check_scene, driven_lengths
 from .status import Status
-from .switch import WITHIN, switch_loop
+from .switch import WITHIN, checked_command, drive_number, switch_loop
 from .trajectory import Trajectory, of_second_run
 from .worlds import Worlds
 
@@ -307,6 +307,33 @@ class Session:
                 for group in fleet.groups:
                     group.write_state(who, states, slice(None))
             self._measure()
+            return self._observed()
+
+    def command_surface(self, drive: str, command: ArrayLike, mask: ArrayLike | None = None) -> Observation:
+        """Set the command of a drive of surfaces, such as belts, without passing of time; return what is observed.
+
+        Parameters
+        ----------
+        drive
+            Name of the drive, one of `CompiledScene.surface_drives`.
+        command
+            What the motion of its surfaces is multiplied by [-]; one number, or one for each robot (n,).
+        mask
+            Which robots (n,) bool; None: all.
+        """
+        with self._alone():
+            who, given = self._mask(mask), floats("command", command, f"give a number, or ({self.n},) numbers")
+            if given.shape not in ((), (self.n,)):
+                raise ValueError(f"command has the shape {given.shape}; give one number, or ({self.n},) numbers")
+            given = np.broadcast_to(given, self.n)
+            for x in given[who].tolist():
+                checked_command(x)
+            for fleet in self._fleets:
+                states, scene = fleet.states(), fleet.runs[0].scene
+                at = scene.part("surface_command")[0] + drive_number(scene, drive)
+                states[:, at] = given
+                for group in fleet.groups:
+                    group.write_state(who, states, slice(at, at + 1))
             return self._observed()
 
     def step(self, action: ArrayLike | None = None, ticks: int = 1) -> Observation:

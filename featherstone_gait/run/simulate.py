@@ -121,7 +121,8 @@ def simulate(
         memory is zero at the start of each run, even of one that goes on from another; a `Session` keeps it.
     switches
         Loops that are made and broken during the run: (time since the first start [s], name, whether to close it), and
-        as a fourth `within` of `switch_loop`, which says what happens.  Times are those of controller ticks, of scenes
+        as a fourth `within` of `switch_loop`, which says what happens; and surfaces that are commanded: (time [s], name
+        of the drive, command), as by `command_surface`.  Times are those of controller ticks, of scenes
         without sampled servos of steps; those before the run or from its end on have no effect.  A record at such a
         time is that after it.
 

@@ -108,6 +108,8 @@ def initial_state(
     for name, values in given.items():
         if name in view:
             view[name][...] = values
+    if scene.constants.surfaces is not None:
+        view.surface_command[:] = scene.constants.surfaces
     if scene.constants.supply is not None:
         y[o["bus_voltage"]] = scene.constants.supply[0].voltage
     if model.base == "floating":
@@ -156,6 +158,8 @@ def _of_members(
         at = [*member.placed.position, 0.0][:3]
         if not member.scene.tree.floating:
             scene.state_view(y).base_q.reshape(-1, 7)[k] = *at, *member.placed.orientation
+    if scene.constants.surfaces is not None:  # those of obstacles are no member's
+        scene.state_view(y).surface_command[:] = scene.constants.surfaces
     found = joined_loops(scene.members, scene.tree, scene.options.loops)
     if found is not None:
         view = scene.state_view(y)

@@ -1,14 +1,16 @@
-"""Make and break loops in a state, between two runs or steps."""
+"""Make and break loops in a state, and command surfaces, between two runs or steps."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import real, truth
+from ..base.arguments import real, shown, truth
 from ..core.step.closure import make_loop
+from ..model import LARGEST
 from ..scene.compile import CompiledScene
 from .start import check_scene, checked_state, gaps_and_speeds, loop_names, scratch_of_loops
 from .trajectory import Trajectory
@@ -79,3 +81,49 @@ def switch_loop(
     if y[missed] > before:
         raise ValueError(f"{model.name}: loop {name!r} does not close beside the other loops; break one of these first")
     return y
+
+
+def command_surface(
+    scene: CompiledScene, state: ArrayLike | Trajectory, drive: str, command: float
+) -> np.ndarray:
+    """Set the command of a drive of surfaces in a state, from which a run then goes on.
+
+    Parameters
+    ----------
+    scene
+        A compiled scene.
+    state
+        State (size,), or a run that has ended.
+    drive
+        Name of the drive, one of `CompiledScene.surface_drives`; of a scene of several "name/drive".
+    command
+        What the motion of its surfaces is multiplied by [-].
+
+    Returns
+    -------
+    ndarray
+        State (size,).
+
+    Raises
+    ------
+    ValueError
+        For unknown names, and commands that are not finite.
+    """
+    check_scene(scene)
+    y = checked_state(scene, state).copy()
+    k = drive_number(scene, drive)
+    scene.state_view(y).surface_command[k] = checked_command(command)
+    return y
+
+
+def checked_command(command: Any) -> float:
+    """Return the command of a drive of surfaces; ValueError unless it is a finite number."""
+    return real("command", command, -LARGEST, LARGEST, "1 moves surfaces as stated, 0 holds them")
+
+
+def drive_number(scene: CompiledScene, drive: str) -> int:
+    """Return the number of a drive of surfaces; ValueError where the scene has none of that name."""
+    if drive not in scene.surface_drives:
+        known = ", ".join(map(repr, scene.surface_drives)) or "none: give shapes a Surface"
+        raise ValueError(f"{scene.model.name}: there is no drive of surfaces {shown(drive)}; there are {known}")
+    return scene.surface_drives.index(drive)

@@ -107,6 +107,8 @@ def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
         first, end = share["positions"]
     elif channel.of == "immersed":
         first, end = share["immersed"]
+    elif channel.of == "surface":
+        first, end = share["surfaces"]
     elif channel.of in ("base", "tree", "fluid"):
         first, end = share["base"], share["base"] + (channel.of != "base" or not share["fixed"])
     return np.arange(channel.width * first, channel.width * end)

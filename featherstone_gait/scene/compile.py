@@ -41,6 +41,7 @@ from .options import SceneOptions, check_options
 from .pairs import NOTHING, Touching, build_pairs, limited, no_pairs
 from .preflight import STIFF, Preflight, implicit_reason, preflight
 from .stop import build_stops
+from .surface import build_commands, drives_of, joined_commands, scene_drives
 from .tendon import build_tendons, fold_tendons, with_rows, with_stops
 from .tree import GRAVITY, Tree, compile_tree
 
@@ -250,6 +251,16 @@ class CompiledScene:
         return self.tree.n if self.sampled else self.inputs
 
     @property
+    def surface_drives(self) -> tuple[str, ...]:
+        """Names of the drives of surfaces that move, in the order of the channels `surface_command` and `surface_work`.
+
+        Of several members it is "name/drive".
+        """
+        if not self.members:
+            return tuple(drives_of(self.model))
+        return scene_drives([*(one.placed for one in self.members), *self.obstacles])
+
+    @property
     def follows(self) -> bool:
         """Return whether something follows references: servos, or drives of tendons that are no mere motors."""
         return self.constants.actuator is not None or _follow(self.model)
@@ -413,8 +424,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     tree = with_rows(compile_tree(model), lines)
     contact, tendons = build_contact(model, tree, ground, g), build_tendons(model, tree, lines)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
-    check = preflight(model, drive, friction, lines, options)
-    check = _closing(check, model)
+    check = _closing(preflight(model, drive, friction, lines, options), model)
     method, h = _method(check.integrator, model, drive, friction), check.timestep
     period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
     ticks = round(period / h)
@@ -447,6 +457,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         tendons=with_stops(tendons, model, lines, check.tendon_inertias, options.g),
         fluid=build_fluid(model, tree, options.fluid, g, 0 if contact is None else len(contact.points)),
         propellers=build_propellers(model, tree),
+        surfaces=build_commands(model),
     )
     lowest, upright_cosine, upright = _fall_limits(model, options)
     return CompiledScene(
@@ -508,7 +519,8 @@ def _compile_members(
     model = joined_model(members, some((member.name for member in members), 4, " and "), options.loops)
     loops = _loops(joined_loops(members, tree, options.loops), tree)
     pairs = no_pairs(tree) if touching.table is None and options.loops else touching.table  # joined trees are an island
-    constants = joined_constants(members, tree)._replace(pairs=pairs, loops=loops)
+    commands = joined_commands([*(one.placed for one in members), *obstacles])
+    constants = joined_constants(members, tree)._replace(pairs=pairs, loops=loops, surfaces=commands)
     check = joined_preflight(members, first._replace(timestep=step, named=given.integrator is not None))
     check = limited(check, touching, tree)
     if given.integrator != options.integrator:
@@ -690,5 +702,6 @@ def _places(tree: Tree, constants: Scene) -> np.recarray:
             "immersed": 0 if constants.fluid is None else len(constants.fluid.table),
             "loop": 0 if constants.loops is None else len(constants.loops.table),
             "row": 0 if constants.loops is None else int(constants.loops.rows[0]),
+            "surface": 0 if constants.surfaces is None else len(constants.surfaces),
         }
     )

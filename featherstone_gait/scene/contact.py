@@ -20,6 +20,7 @@ from ..model import ContactPoint, Ground, HeightField, Model
 from ..model.numpy_dynamics import link_poses, mass_center, zero_position
 from ..model.rest_posture import standing_keyframe
 from .records import fill, records
+from .surface import build_surfaces, drives_of
 from .tree import Tree
 
 CONTACTS = "add contacts to its TOML, or load it with contacts='feet' to take its collision shapes"
@@ -42,8 +43,9 @@ def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.n
         )
     under = _plane(ground) if ground.field is None else _field(ground.field, ground.height)
     return Contact(
-        _points(model, tree, ground, g), under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground)
-    )
+        _points(model, tree, ground, g), under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground),
+        _surfaces(model, tree),
+    )  # fmt: skip
 
 
 def _motion(ground: Ground) -> np.recarray | None:
@@ -71,6 +73,14 @@ def _rollers(model: Model, tree: Tree, ground: Ground) -> np.recarray | None:
             along = ground.friction if point.friction is None else point.friction
             row.free = point.roller_friction / along if along > 0 else 0.0
     return table
+
+
+def _surfaces(model: Model, tree: Tree) -> np.recarray | None:
+    """Build the surfaces of links at their contact points, in the order of the points; None where all are at rest."""
+    numbers = {name: k for k, name in enumerate(drives_of(model))}
+    contacts = [model.contacts[k] for k in by_body(model, tree)]
+    places = [tree.placements[point.link] for point in contacts]
+    return build_surfaces([(point, place.E, place.r, numbers) for point, place in zip(contacts, places)])
 
 
 def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:

@@ -20,6 +20,7 @@ from ..core.effects.friction import FRICTION
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
 from ..core.effects.joint_spring import JOINT_SPRING, STIFFENING
 from ..core.effects.stop import STOP
+from ..core.effects.surface import SURFACE
 from ..core.effects.tendon import BEND, DRIVE, Tendons
 from ..core.effects.tendon import WORLD as ANCHOR
 from ..core.effects.touch import DISC, Discs, Spheres
@@ -167,6 +168,7 @@ class Shift(NamedTuple):
     ball: int
     tendon: int
     loop: int
+    drive: int  # of surfaces
 
     def workspace(self, rows: np.ndarray) -> np.ndarray:
         """Return where workspace rows after the bodies, such as slots, stand."""
@@ -177,9 +179,9 @@ def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
     """Return where each member's rows stand: the bodies of all, then slots, contact rows, couplings and tendons."""
     trees, found = [scene.tree for scene in scenes], []
     body, row, joint, point = 0, sum(len(tree.bodies) for tree in trees), 0, 0
-    coupling, ball, tendon, loop = 0, 0, 0, 0
+    coupling, ball, tendon, loop, drive = 0, 0, 0, 0, 0
     for scene, tree in zip(scenes, trees):
-        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling, ball, tendon, loop))
+        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling, ball, tendon, loop, drive))
         body += len(tree.bodies)
         row += tree.rows - len(tree.bodies)
         joint += tree.n
@@ -188,6 +190,7 @@ def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
         ball += count(tree.balls)
         tendon += tree.tendons
         loop += len(scene.model.loops)
+        drive += count(scene.constants.surfaces)
     return found
 
 
@@ -366,8 +369,21 @@ def _contact(contacts: Sequence[Contact | None], moved: Sequence[Shift]) -> Cont
         table.body += at.body
         tables.append(table)
     rollers = _stacked([one.rollers for one, _ in given], [len(one.points) for one, _ in given], ROLLER)
+    surfaces = _surfaces(given)
     first = given[0][0]
-    return Contact(_concatenated(tables), first.ground, _geometry([one for one, _ in given]), first.motion, rollers)
+    return Contact(
+        _concatenated(tables), first.ground, _geometry([one for one, _ in given]), first.motion, rollers, surfaces
+    )
+
+
+def _surfaces(given: Sequence[tuple[Contact, Shift]]) -> Any:
+    """Return the surfaces of all members' links at their contact points."""
+    tables = [(one.surfaces, at) for one, at in given]
+    found = _stacked([one for one, _ in tables], [len(one.points) for one, _ in given], SURFACE, drive=-1)
+    if found is not None:
+        first = np.repeat([at.drive for _, at in given], [len(one.points) for one, _ in given])
+        found.drive += np.where(found.drive >= 0, first, 0)
+    return found
 
 
 def _geometry(contacts: Sequence[Contact]) -> Any:
@@ -491,6 +507,7 @@ def shares(members: Sequence[Member]) -> dict[str, Share]:
             "points": [at.point, at.point + points], "of_joints": joints,
             "tendons": [at.tendon, at.tendon + member.scene.tree.tendons],
             "immersed": [immersed, immersed + shapes],
+            "surfaces": [at.drive, at.drive + count(member.scene.constants.surfaces)],
         }  # fmt: skip
         immersed = found[member.name]["immersed"][1]
         if member.model.loops:

@@ -42,6 +42,7 @@ from .forest import Member, named, shifts
 from .options import SceneOptions
 from .preflight import Limit, Preflight
 from .records import records
+from .surface import build_surfaces, drives_of
 from .tree import GRAVITY, Tree
 
 WORLD = -1  # the tree of what never moves
@@ -148,7 +149,8 @@ def build_pairs(
     outside = np.zeros(len(radius), np.int64)
     for one, other in ((table.tree_a, table.tree_b), (table.tree_b, table.tree_a)):
         outside[one[(one != other) & (one != WORLD)]] = 1
-    pairs = Pairs(shapes, table, bodies, own_rows, reach, outside, radius, room, margin, turning)
+    surfaces = _surfaces(solids, members, obstacles)
+    pairs = Pairs(shapes, table, bodies, own_rows, reach, outside, radius, room, margin, turning, surfaces)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
     return Touching(pairs, names, (*parts.notes, *_concave(solids))), tree
 
@@ -420,6 +422,17 @@ def _turning(
     found.tangential_stiffness = table.tangential_stiffness * lever * lever
     found.tangential_damping = table.tangential_damping * lever * lever
     return found if (found.torsional > 0.0).any() or (found.rolling > 0.0).any() else None
+
+
+def _surfaces(solids: Sequence[Solid], members: Sequence[Member], obstacles: Sequence[Placed]) -> np.recarray | None:
+    """Return the surfaces of shapes, whose drives are numbered as those of the scene; None where all are at rest."""
+    numbers: dict[str, dict[str, int]] = {GROUND: {}}
+    count = 0
+    for placed in (*(member.placed for member in members), *obstacles):
+        names = drives_of(placed.model)
+        numbers[placed.name] = {name: count + k for k, name in enumerate(names)}
+        count += len(names)
+    return build_surfaces([(solid.shape, solid.E, solid.r, numbers[solid.of]) for solid in solids])
 
 
 def _carrying(table: np.recarray, shapes: Shapes) -> np.ndarray:

@@ -36,6 +36,7 @@ def of_models(robot: fg.Model) -> Iterator[Any]:
     yield fg.Loop("pin", "connect", "trunk", "left_foot", (0.1, 0.0, 0.0))
     yield from (fg.Via("trunk"), fg.Wrap("trunk", "sphere", 0.1))
     yield fg.Tendon("strap", (), [fg.Via("trunk"), fg.Via("left_foot")] * 300, stiffness=100.0)
+    yield fg.Surface((0.5, 0.0, 0.0))
     yield from (fg.Fluid(), fg.Propeller("knee", 1e-5), fg.Immersed("trunk", fg.Sphere(0.1), drag=(1.0, 2.0, 3.0)))
     yield from (fg.RangeSensor.fan("trunk", 1.0, 300), fg.LineSensor("trunk", [(0.0, 0.0, 0.0)] * 300))
     yield from (fg.ForceTorqueSensor("trunk"), fg.ContactSensor("trunk", 0.1))

@@ -1,6 +1,9 @@
-"""Fluids, propellers, rollers and moving grounds in TOML, and what MJCF says that it lacks."""
+"""Fluids, propellers, rollers, moving grounds and surfaces in TOML, and what MJCF says that it lacks."""
+
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from featherstone_gait import (
     Box,
@@ -14,8 +17,11 @@ from featherstone_gait import (
     Model,
     Placed,
     Propeller,
+    RobotFileError,
     SceneModel,
+    Shape,
     Sphere,
+    Surface,
     load_robot,
     load_scene,
     save_robot,
@@ -67,13 +73,54 @@ def test_a_scene_states_fluid_and_motion_of_its_ground(tmp_path):
     assert (scene.ground.velocity, scene.ground.turning) == ((1.0, 0.0), 0.5)
 
 
+def test_surfaces_of_links_and_obstacles_stand_in_toml_and_mjcf(tmp_path):
+    track, belt = Surface((-0.5, 0.0, 0.1), (0.0, 0.2, 0.0), (0.1, 0.0, 0.0), "left", 0.5), Surface((1.0, 0.0, 0.0))
+    hull = Shape("a", Box((0.2, 0.2, 0.2)), (0.0, 0.1, 0.0), (0.3, 0.0, 0.5), name="hull", surface=track)
+    point = ContactPoint("b", (0.0, 0.0, 0.0), 0.1, surface=belt)
+    model = replace(boat(), shapes=(hull,), contacts=(point,), immersed=(), propellers=())
+    save_robot(model, tmp_path / "tank.urdf")
+    again = load_robot(tmp_path / "tank.urdf")
+    assert again.shapes[0].surface == track
+    assert again.contacts == model.contacts
+    text = """
+        [[robots]]
+        file = "tank.urdf"
+        [[obstacles]]
+        name = "conveyor"
+        shape = "box"
+        size = [1.0, 1.0, 0.1]
+        surface = {velocity = [1.0, 0.0, 0.0]}
+    """
+    (tmp_path / "hall.toml").write_text(text)
+    scene = load_scene(tmp_path / "hall.toml")
+    assert scene.obstacles[0].model.shapes[0].surface == belt
+    for wrong in ("surface = 3", "surface = {speed = 1.0}", 'surface = {velocity = [1.0, "x", 0.0]}'):
+        (tmp_path / "hall.toml").write_text(text.replace("surface = {velocity = [1.0, 0.0, 0.0]}", wrong))
+        with pytest.raises(RobotFileError, match=r"line 8.*surface"):
+            load_scene(tmp_path / "hall.toml")
+    save_scene(scene, tmp_path / "hall.xml")
+    pytest.importorskip("mujoco")
+    read = load_scene(tmp_path / "hall.xml")
+    found = {shape.surface.drive: shape for one in read.all for shape in one.model.shapes if shape.surface}
+    assert len(found) == 3
+    for name, shape in found.items():
+        of = track if "hull" in name else belt
+        for x in ((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)):
+            np.testing.assert_allclose(_at(shape.surface, x), _at(of, x), atol=1e-12)
+
+
+def _at(surface, x):
+    """Return the velocity of a surface at a place."""
+    return surface.command * (surface.velocity + np.cross(surface.turning, np.subtract(x, surface.center)))
+
+
 def test_mjcf_says_what_it_lacks(tmp_path):
     model, ground = boat(), Ground(turning=0.5)
     save_robot(model, tmp_path / "boat.xml", ground)
     text = (tmp_path / "boat.xml").read_text()
-    for lost in ("immersed shapes", "propellers", "rollers of wheels", "velocity of the ground"):
+    for lost in ("immersed shapes", "propellers", "rollers of wheels"):
         assert f"left out {lost}" in text or f"left out the {lost}" in text
     save_scene(SceneModel("pond", [Placed(model)], ground=ground, fluid=Fluid(900.0)), tmp_path / "pond.xml")
     text = (tmp_path / "pond.xml").read_text()
     assert "left out the fluid of density 900.0" in text
-    assert "left out the velocity of the ground" in text
+    assert 'surfacevel="0.0 0.0 0.0 0.0 0.0 0.5"' in text

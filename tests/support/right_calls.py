@@ -134,6 +134,7 @@ def _parts() -> Iterator[Call]:
         fg.Fluid(level=0.5),
         fg.Immersed("a", fg.Sphere(0.1), drag=1.0, added_mass=(0.1, 0.2, 0.3)),
         fg.Propeller("one", 1e-4),
+        fg.Surface((0.5, 0.0, 0.0), drive="belt"),
         fg.FloorLine([(0.0, 0.0), (1.0, 0.0)], 0.02),
         fg.RangeSensor("a", [[1.0, 0.0, 0.0]], reach=2.0, curve=((0.1, 3.0), (0.8, 0.4))),
         fg.LineSensor("a", [(0.1, 0.0, 0.0)], 0.01),
@@ -252,6 +253,10 @@ def _scenes() -> Iterator[Call]:
     yield Call("initial_state", fg.initial_state, free)
     switch = {"scene": bound, "state": fg.initial_state(**free), "name": "rod", "closed": True, "within": 10.0}
     yield Call("switch_loop", fg.switch_loop, switch)
+    belt = fg.body(fg.Box((0.1, 0.1, 0.1)), 1.0, surface=fg.Surface((1.0, 0.0, 0.0), drive="belt"))
+    moving = fg.compile_scene(replace(belt, contacts=()))
+    driving = {"scene": moving, "state": fg.initial_state(moving), "drive": "belt", "command": 0.5}
+    yield Call("command_surface", fg.command_surface, driving)
     yield Call("reset_time", fg.reset_time, {"scene": driven, "state": fg.initial_state(driven)})
     yield Call("initial_state", fg.initial_state, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "qd": np.zeros(7)})
     yield Call("standing_state", fg.standing_state, {"scene": over, "angles": [0.0], "allow_limit_violation": False})

@@ -25,6 +25,7 @@ from ..tree.layout import SF, SH, SJ, SM, TOUCH, R, U
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import add, cross, dot, load3, load9, rotate, scale, store3, sub, vector
 from .ground import AXES, axes_at, deepest, fixed_axes, height_over
+from .surface import add_drive_work, surface_motion
 
 POINT = record(
     body=int,  # row of the body; points of a body stand together
@@ -62,6 +63,7 @@ class Contact(NamedTuple):
     contact_geometry: tuple | None  # one of the kinds in touch.py; None where all are points
     motion: np.ndarray | None = None  # (1,) MOTION of a ground whose surface moves
     rollers: np.ndarray | None = None  # (points,) ROLLER
+    surfaces: np.ndarray | None = None  # (points,) SURFACE of the links
 
 
 FLOOR = 1e-11  # of the forces that Newton's iteration compares [N m, N]
@@ -82,7 +84,8 @@ RHO = 23  # 3: generalized inertial forces at UK (see step/newton.py)
 LIMIT = 26  # largest friction force of the step [N]
 BELT = AXES + 9  # 2: velocity of the ground's surface along the tangents [m/s]
 ROLL = AXES + 11  # 4: along and across the rollers' axis by the tangents, row by row, the second scaled
-SCRATCH = AXES + 15  # AXES, 9: of a height field normal, first and second tangent under the point
+OWN = AXES + 15  # 2: velocity of the link's surface along the tangents [m/s]
+SCRATCH = AXES + 17  # AXES, 9: of a height field normal, first and second tangent under the point
 
 
 # ---------------------------------------------------------------------------------------------- place
@@ -112,6 +115,7 @@ def place_points(contact, step, base_q, lookahead_time):
         v = center_velocity(i, x, W)
         store3(C, c, XP, x)
         u = _on_surface(contact.motion, c, x, (dot(n, v), dot(t, v), dot(second, v)), (t, second), base_q, C)
+        u = _with_own(contact.surfaces, c, i, x, u, (n, t, second), step)
         _place_roller(contact.rollers, c, i, (n, t, second), W, C)
         store3(C, c, U0, u)
         store3(C, c, UK, u)
@@ -132,11 +136,38 @@ def _on_surface(motion, c, x, u, tangents, base_q, C):
 
 
 @inline
-def surface_power(motion, c, f, C):
-    """Return the power of the ground's force f on a point by the velocity of the surface alone [W]."""
+def _with_own(surfaces, c, i, x, u, frame, step):
+    """Return the velocity u of a point and that of the surface of its link, which moves on it."""
+    if surfaces is None:
+        return u
+    C, (n, t, second) = step.C, frame
+    v, _ = surface_motion(surfaces[c], 0, i, x, n, step)
+    C[c, OWN], C[c, OWN + 1] = dot(t, v), dot(second, v)
+    return (u[0], u[1] + C[c, OWN], u[2] + C[c, OWN + 1])
+
+
+@inline
+def _ground_power(motion, c, f, C):
+    """Return the power of the ground's force f on a point by the velocity of the ground's surface alone [W]."""
     if motion is None:
         return 0.0
     return f[1] * C[c, BELT] + f[2] * C[c, BELT + 1]
+
+
+@inline
+def _own_power(surfaces, c, f, h, step, work):
+    """Return the power of the force f on a point by the velocity of its own surface, less, and add it to its drive."""
+    if surfaces is None:
+        return 0.0
+    power = -(f[1] * step.C[c, OWN] + f[2] * step.C[c, OWN + 1])
+    add_drive_work(surfaces[c], power, h, step, work)
+    return power
+
+
+@inline
+def surface_power(contact, c, f, h, step, work):
+    """Return the power of a point's force f by the velocities of both surfaces [W]; add h times its drive's to work."""
+    return _ground_power(contact.motion, c, f, step.C) + _own_power(contact.surfaces, c, f, h, step, work)
 
 
 @inline
@@ -507,7 +538,7 @@ def move_contacts(contact, step):
         for c in range(first, end):
             p, u, z = contact.points[c], load3(C, c, UN), _bristle(contact, step, c)
             f = point_force(contact.rollers, p, z, u, c, h, C)
-            y[work] += step.h * (dot(f, u) + surface_power(contact.motion, c, f, C))
+            y[work] += step.h * (dot(f, u) + surface_power(contact, c, f, step.h, step, y))
             u = _rolled(contact.rollers, c, u, C)
             along, _, slips = friction_force(p, z, u, C[c, LIMIT], h)
             kappa = 1.0 / (h * p.tangential_stiffness + p.tangential_damping)
@@ -532,13 +563,13 @@ def contact_rates(contact, step, dy):
         work, (first, end) = step.offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
         dy[work] = 0.0 * step.y[work]
         for c in range(first, end):
-            _rates(contact.motion, contact.rollers, contact.points[c], step, dy, c)
+            _rates(contact, contact.points[c], step, dy, c)
         fold_contacts(contact, step, 0.0)
 
 
 @inline
-def _rates(motion, rollers, p, step, dy, c):
-    y, offsets, C = step.y, step.offsets, step.C
+def _rates(contact, p, step, dy, c):
+    y, offsets, C, rollers = step.y, step.offsets, step.C, contact.rollers
     u = load3(C, c, U0)
     fn, _ = normal_force(p, C[c, DEPTH], u[0], 0.0)
     limit = p.friction * fn
@@ -547,10 +578,11 @@ def _rates(motion, rollers, p, step, dy, c):
     f, _, slips = friction_force(p, z, along, limit, 0.0)
     dy[bristle] = select(slips, -(f[0] + kt * z[0]) / dt, along[1])  # what slips keeps -kt z - dt dz/dt at the force
     dy[bristle + 1] = select(slips, -(f[1] + kt * z[1]) / dt, along[2])
-    _turn_bristle(motion, rollers, c, z, bristle, dy)
+    _turn_bristle(contact.motion, rollers, c, z, bristle, dy)
     f = _rolled_back(rollers, c, f, C)
     power = fn * u[0] + f[0] * u[1] + f[1] * u[2]
-    dy[offsets.contact_work + base_index(step.part)] += power + surface_power(motion, c, (fn, f[0], f[1]), C)
+    power = power + surface_power(contact, c, (fn, f[0], f[1]), 1.0, step, dy)
+    dy[offsets.contact_work + base_index(step.part)] += power
     store3(C, c, FK, (fn, f[0], f[1]))
     for k in range(4):
         C[c, CN + k] = 0.0

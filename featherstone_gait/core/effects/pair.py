@@ -62,6 +62,7 @@ from .contact import (
     velocity_at,
 )
 from .ground import AXES
+from .surface import add_drive_work, surface_motion
 
 PAIR = record(
     a=int,  # row of the shape in the table of `Shapes`
@@ -106,6 +107,7 @@ class Pairs(NamedTuple):
     slots: np.ndarray  # (2,) slots of the pool; points between bodies that can move, of which so many act at once
     margin: float  # the depth at which a pair rests under its load [m]: gaps below it are looked at
     turning: np.ndarray | None  # (pairs,) TURNING; None where no pair resists rolling or spinning
+    surfaces: np.ndarray | None = None  # (shapes,) SURFACE; None where all are at rest
 
 
 @structure
@@ -157,7 +159,9 @@ Z = XB + 3  # 2: bristle along the tangents [m]
 ON = Z + 2  # 1 where the point is near enough to touch within the step
 GAP = ON + 1  # distance of the surfaces where the predicted state has them [m]; FAR where there is no point
 FACTOR = GAP + 1  # 4: h times the slopes as W W', W lower triangular: normal, 11, 21, 22
-COLUMNS = FACTOR + 4
+MOVES = FACTOR + 4  # 6: of the surfaces of a and b, velocity along the tangents [m/s], then turning [rad/s]
+CLEARED = MOVES  # columns that are cleared
+COLUMNS = MOVES + 6
 FAR = 1e9  # [m]
 SHAPE_POSE = 12  # numbers of a rotation and a center: columns of `Pool.placing`
 REACH = 2 * SHAPE_POSE + 3  # number in it up to which gap points are looked for [m]
@@ -195,8 +199,8 @@ def place_pairs(pairs, predicted, step, lookahead_time):
             for j in range(c, c + pair.slots):
                 if any_lane(pool.C[j, GAP] < FAR) or _is_known(pairs.turning, y, offsets, j):
                     pool.pair[j], pool.placed[placed] = k, j
-                    _finish(pair, step, j, lookahead_time, pairs.margin)
-                    placed = _finish_moment(pairs.turning, pair, step, j, placed + 1)
+                    _finish(pairs.surfaces, pair, step, j, lookahead_time, pairs.margin)
+                    placed = _finish_moment(pairs.turning, pairs.surfaces, pair, step, j, placed + 1)
         c += pair.slots
     pool.count[0] = placed
     pool.count[2] = c
@@ -227,7 +231,7 @@ def _is_known(turning, y, offsets, c):
 def _clear(C, c, count):
     """Set points to none, of finite numbers."""
     for j in range(c, c + count):
-        for k in range(COLUMNS):
+        for k in range(CLEARED):
             C[j, k] = 0.0
         C[j, GAP] = FAR
         C[j, AXES] = 1.0
@@ -447,22 +451,100 @@ def _velocity_of_b(pair, x, W):
 
 
 @inline
-def _finish(pair, step, c, lookahead_time, margin):
+def _finish(surfaces, pair, step, c, lookahead_time, margin):
     """Fill velocity, depth, bristle and friction limit of a point, in all lanes."""
     W, C, y, o, h = step.W, step.pool.C, step.y, step.offsets, step.h_implicit
     n, t, s = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
     v = sub(center_velocity(pair.body_a, load3(C, c, XP), W), _velocity_of_b(pair, load3(C, c, XB), W))
-    u = (dot(n, v), dot(t, v), dot(s, v))
+    u = _with_surfaces(surfaces, pair, step, c, (dot(n, v), dot(t, v), dot(s, v)))
     store3(C, c, U0, u)
     store3(C, c, UK, u)
     gap, zero = C[c, GAP], 0.0 * C[c, GAP]
     near = gap < margin + 2.0 * (h * sqrt(dot(v, v)))
     C[c, ON] = select(near, 1.0 + zero, zero)
     C[c, DEPTH] = select(near, lookahead_time * u[0] - gap, zero - FAR)
-    C[c, Z], C[c, Z + 1] = _in_plane(_deflection(y, o, c), _frame_b(pair, W), t, s, near)
+    z = _in_plane(_deflection(y, o, c), _frame_b(pair, W), t, s, near)
+    C[c, Z], C[c, Z + 1] = _with_surface_of_b(surfaces, z, c, h, C)
     predicted_force, _ = normal_force(pair, C[c, DEPTH], u[0], h)
     last = y[o.pair_normal_force + c]
     C[c, LIMIT] = select(near, pair.friction * select(last > 0.0, last, predicted_force), zero)
+
+
+@inline
+def _with_surfaces(surfaces, pair, step, c, u):
+    """Return the velocity u of the point c, to which the surfaces' on both bodies are added."""
+    if surfaces is None:
+        return u
+    C = step.pool.C
+    n, t, s = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+    va, ra = surface_motion(surfaces[pair.a], pair.tree_a, pair.body_a, load3(C, c, XP), n, step)
+    vb, rb = surface_motion(surfaces[pair.b], pair.tree_b, pair.body_b, load3(C, c, XB), n, step)
+    C[c, MOVES], C[c, MOVES + 1], C[c, MOVES + 4] = dot(t, va), dot(s, va), ra
+    C[c, MOVES + 2], C[c, MOVES + 3], C[c, MOVES + 5] = dot(t, vb), dot(s, vb), rb
+    return (u[0], u[1] + (C[c, MOVES] - C[c, MOVES + 2]), u[2] + (C[c, MOVES + 1] - C[c, MOVES + 3]))
+
+
+@inline
+def _with_surface_of_b(surfaces, z, c, h, C):
+    """Return a bristle as the surface of body b has turned it by the end of a step h [s]."""
+    if surfaces is None:
+        return z
+    turn = h * C[c, MOVES + 5]
+    k = 1.0 / (1.0 + turn * turn)
+    return (k * (z[0] - turn * z[1]), k * (z[1] + turn * z[0]))
+
+
+@inline
+def _before_turning(surfaces, z, c, h, C):
+    """Return the bristle of which `_with_surface_of_b` has made z."""
+    if surfaces is None:
+        return z
+    turn = h * C[c, MOVES + 5]
+    return (z[0] + turn * z[1], z[1] - turn * z[0])
+
+
+@inline
+def _turning_rate(surfaces, z, m1, m2, c, C):
+    """Return the rates m1, m2 of a bristle z with that by which the surface of body b turns it."""
+    if surfaces is None:
+        return m1, m2
+    return m1 - C[c, MOVES + 5] * z[1], m2 + C[c, MOVES + 5] * z[0]
+
+
+@inline
+def _drives_power(surfaces, pair, f, c, h, step, work):
+    """Return what drives give to the point c under its force f [W], and add h times that to theirs."""
+    if surfaces is None:
+        return 0.0
+    C = step.pool.C
+    on, zero = C[c, ON] > 0.0, 0.0 * C[c, ON]
+    a = select(on, -(f[1] * C[c, MOVES] + f[2] * C[c, MOVES + 1]), zero)
+    b = select(on, f[1] * C[c, MOVES + 2] + f[2] * C[c, MOVES + 3], zero)
+    add_drive_work(surfaces[pair.a], a, h, step, work)
+    add_drive_work(surfaces[pair.b], b, h, step, work)
+    return a + b
+
+
+@inline
+def _spinning_power(surfaces, pair, m, c, h, step, work):
+    """Do as `_drives_power` for the moment c, whose part about the normal is m [N m]."""
+    if surfaces is None:
+        return 0.0
+    C = step.pool.C
+    on, zero = C[c, ON] > 0.0, 0.0 * C[c, ON]
+    a, b = select(on, -m * C[c, MOVES + 4], zero), select(on, m * C[c, MOVES + 5], zero)
+    add_drive_work(surfaces[pair.a], a, h, step, work)
+    add_drive_work(surfaces[pair.b], b, h, step, work)
+    return a + b
+
+
+@inline
+def _spun(surfaces, u, c, row, C):
+    """Return the angular velocity u of the moment in a row of C with those of the surfaces at its point c."""
+    if surfaces is None:
+        return u
+    C[row, MOVES + 4], C[row, MOVES + 5] = C[c, MOVES + 4], C[c, MOVES + 5]
+    return (u[0] + (C[c, MOVES + 4] - C[c, MOVES + 5]), u[1], u[2])
 
 
 @inline
@@ -473,7 +555,7 @@ def _clear_moments(turning, pool, c, count):
 
 
 @inline
-def _finish_moment(turning, pair, step, c, placed):
+def _finish_moment(turning, surfaces, pair, step, c, placed):
     """Fill the angular velocity, bristle and limits of the moment of the point c; return the count of what is placed.
 
     Of a moment Z is the bristle of rolling, XB that of spinning, and DEPTH the limit of spinning.
@@ -488,12 +570,13 @@ def _finish_moment(turning, pair, step, c, placed):
             C[row, AXES + k] = C[c, AXES + k]
         n, t, s = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
         w = sub(load3(W, pair.body_a, V), _turning_of_b(pair, W))
-        u = (dot(n, w), dot(t, w), dot(s, w))
+        u = _spun(surfaces, (dot(n, w), dot(t, w), dot(s, w)), c, row, C)
         store3(C, row, U0, u)
         store3(C, row, UK, u)
         zero, on = 0.0 * C[c, ON], C[c, ON] > 0.0
         C[row, ON] = C[c, ON]
-        C[row, Z], C[row, Z + 1] = _in_plane((y[at], y[at + 1], y[at + 2]), pair_frame, t, s, on)
+        z = _in_plane((y[at], y[at + 1], y[at + 2]), pair_frame, t, s, on)
+        C[row, Z], C[row, Z + 1] = _with_surface_of_b(surfaces, z, row, step.h_implicit, C)
         C[row, XB] = select(on, y[at + 3], zero)
         predicted_force, _ = normal_force(pair, C[c, DEPTH], C[c, U0], step.h_implicit)
         last = y[step.offsets.pair_normal_force + c]
@@ -678,49 +761,52 @@ def move_pairs(pairs, step):
         c = step.pool.placed[i]
         pair = pairs.pairs[step.pool.pair[c]]
         if is_moment(pairs.turning, step.pool, c):
-            _move_moment(pairs.turning, pair, step, c)
+            _move_moment(pairs.turning, pairs.surfaces, pair, step, c)
         else:
-            _move_point(pair, step, c)
+            _move_point(pairs.surfaces, pair, step, c)
 
 
 @inline
-def _move_point(pair, step, c):
+def _move_point(surfaces, pair, step, c):
     """Move the bristle of the point c, its force and its work."""
     y, o, C, h = step.y, step.offsets, step.pool.C, step.h_implicit
     u, z = load3(C, c, UN), bristle(C, c)
     f = point_force(None, pair, z, u, c, h, C)
     on, zero = C[c, ON] > 0.0, 0.0 * C[c, ON]
-    y[o.pair_work] += step.h * select(on, dot(f, u), zero)
+    drives = _drives_power(surfaces, pair, f, c, step.h, step, y)
+    y[o.pair_work] += step.h * (select(on, dot(f, u), zero) + drives)
     _, _, slips = friction_force(pair, z, u, C[c, LIMIT], h)
-    m = _moved(pair, pair, slips, (f[1], f[2]), step, c)
+    m = _moved(surfaces, pair, pair, slips, (f[1], f[2]), step, c)
     for k in range(3):
         y[o.pair_deflection + 3 * c + k] = select(on, m[k], zero)
     _record(pair, step, c, f)
 
 
 @inline
-def _moved(law, pair, slips, f, step, c):
+def _moved(surfaces, law, pair, slips, f, step, c):
     """Return the bristle of the point or moment c at the end of the step, in the frame of body b; f: its force (2)."""
     C, h, z = step.pool.C, step.h_implicit, bristle(step.pool.C, c)
     kt, dt = law.tangential_stiffness, law.tangential_damping
     kappa = 1.0 / (h * kt + dt)
     m1 = select(slips, (dt * z[0] - h * f[0]) * kappa, z[0] + h * C[c, UN + 1])
     m2 = select(slips, (dt * z[1] - h * f[1]) * kappa, z[1] + h * C[c, UN + 2])
+    z = _before_turning(surfaces, z, c, h, C)
     m1, m2 = z[0] + (m1 - z[0]) * (1.0 / step.theta), z[1] + (m2 - z[1]) * (1.0 / step.theta)
     t, s = load3(C, c, AXES + 3), load3(C, c, AXES + 6)
     return rotate_back(_frame_b(pair, step.W), add(scale(t, m1), scale(s, m2)))
 
 
 @inline
-def _move_moment(turning, pair, step, c):
+def _move_moment(turning, surfaces, pair, step, c):
     """Move the bristles of the moment c, and its work."""
     if turning is not None:
         y, C, h, law = step.y, step.pool.C, step.h_implicit, turning[step.pool.pair[c]]
         at, u = step.offsets.pair_turning + 4 * (c - len(step.pool.old)), load3(C, c, UN)
         m, _, spins, rolls = moment(law, u, c, h, C)
         on, zero, x = C[c, ON] > 0.0, 0.0 * C[c, ON], C[c, XB]
-        y[step.offsets.pair_work] += step.h * select(on, dot(m, u), zero)
-        z = _moved(law, pair, rolls, (m[1], m[2]), step, c)
+        drives = _spinning_power(surfaces, pair, m[0], c, step.h, step, y)
+        y[step.offsets.pair_work] += step.h * (select(on, dot(m, u), zero) + drives)
+        z = _moved(surfaces, law, pair, rolls, (m[1], m[2]), step, c)
         for k in range(3):
             y[at + k] = select(on, z[k], zero)
         kt, dt = law.tangential_stiffness, law.tangential_damping
@@ -769,20 +855,21 @@ def pair_rates(pairs, step, dy):
         m1 = select(slips, -(f[0] + kt * z[0]) / dt, u[1])  # what slips keeps -kt z - dt dz/dt at the force
         m2 = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
         zero = 0.0 * fn
+        m1, m2 = _turning_rate(pairs.surfaces, z, m1, m2, c, C)
         C[c, FK + 1], C[c, FK + 2] = m1, m2
         m = _turned_rate(rotate(_frame_b(pair, W), _deflection(y, o, c)), z, m1, m2, c, C)
         m = rotate_back(_frame_b(pair, W), m)
         for k in range(3):  # what does not push lets its bristle go
             dy[o.pair_deflection + 3 * c + k] = select(C[c, ON] > 0.0, m[k], zero)
         f = (select(on, fn, zero), select(on, f[0], zero), select(on, f[1], zero))
-        dy[o.pair_work] += dot(f, u)
+        dy[o.pair_work] += dot(f, u) + _drives_power(pairs.surfaces, pair, f, c, 1.0, step, dy)
         _record(pair, step, c, f)
         force = (y[o.pair_force + 3 * c], y[o.pair_force + 3 * c + 1], y[o.pair_force + 3 * c + 2])
         if any_lane(on):
             _press(pair.row_a, on, load3(C, c, XP), force, W)
             if pair.row_b > 0:
                 _press(pair.row_b, on, load3(C, c, XB), scale(force, -1.0), W)
-        _moment_rates(pairs.turning, pair, step, dy, c, fn)
+        _moment_rates(pairs.turning, pairs.surfaces, pair, step, dy, c, fn)
 
 
 @inline
@@ -794,7 +881,7 @@ def _still_moments(turning, step, dy):
 
 
 @inline
-def _moment_rates(turning, pair, step, dy, point, fn):
+def _moment_rates(turning, surfaces, pair, step, dy, point, fn):
     """Fill the rates of the bristles of the moment of a point, its power, and add it to the rows of the bodies."""
     if turning is not None:
         y, C, W, law = step.y, step.pool.C, step.W, turning[step.pool.pair[point]]
@@ -805,6 +892,7 @@ def _moment_rates(turning, pair, step, dy, point, fn):
         kt, dt, zero, near = law.tangential_stiffness, law.tangential_damping, 0.0 * fn, C[c, ON] > 0.0
         m1 = select(rolls, -(m[1] + kt * z[0]) / dt, u[1])
         m2 = select(rolls, -(m[2] + kt * z[1]) / dt, u[2])
+        m1, m2 = _turning_rate(surfaces, z, m1, m2, c, C)
         C[c, FK + 1], C[c, FK + 2] = m1, m2
         kept = (y[at], y[at + 1], y[at + 2])
         rate = rotate_back(_frame_b(pair, W), _turned_rate(rotate(_frame_b(pair, W), kept), z, m1, m2, c, C))
@@ -812,7 +900,8 @@ def _moment_rates(turning, pair, step, dy, point, fn):
             dy[at + k] = select(near, rate[k], zero)
         dy[at + 3] = select(near, select(spins, -(m[0] + kt * x) / dt, u[0]), zero)
         on = fn > 0.0
-        dy[step.offsets.pair_work] += select(on, dot(m, u), zero)
+        drives = _spinning_power(surfaces, pair, select(on, m[0], zero), c, 1.0, step, dy)
+        dy[step.offsets.pair_work] += select(on, dot(m, u), zero) + drives
         n, t, s = load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
         world = add(scale(n, m[0]), add(scale(t, m[1]), scale(s, m[2])))
         if any_lane(on):

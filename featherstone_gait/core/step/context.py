@@ -46,6 +46,7 @@ class Scene(NamedTuple):
     tendons: tuple | None = None  # Tendons, with springs between bodies
     fluid: tuple | None = None  # Fluid, with the shapes in it
     propellers: tuple | None = None  # Propellers
+    surfaces: np.ndarray | None = None  # (drives,) commands of surfaces at the start
 
 
 @structure
@@ -154,7 +155,7 @@ def with_bodies(step, tree):
         firmware=s.firmware, supply=s.supply, joint_springs=s.joint_springs, lifts=s.lifts, trees=s.trees,
         pairs=s.pairs, balls=s.balls, loops=s.loops, tendons=s.tendons, stiffening=s.stiffening,
         drag=s.drag, ball_springs=s.ball_springs,
-        fluid=s.fluid, propellers=s.propellers,
+        fluid=s.fluid, propellers=s.propellers, surfaces=s.surfaces,
     )  # fmt: skip
     return Step(
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,

@@ -19,6 +19,7 @@ from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.pair import pair_rates
 from ..effects.propeller import add_work, plus_propeller
 from ..effects.stop import stop_rates
+from ..effects.surface import clear_drives
 from ..effects.tendon import U0, linearize_tendons, move_tendons, place_tendons
 from ..tree.aba import acceleration_pass
 from ..tree.ball import ball_positions, ball_rates
@@ -38,6 +39,7 @@ def derivative(step, dy):
 
 @inline
 def _derivatives(trees, pairs, step, dy):
+    clear_drives(step.scene.surfaces, step, dy)
     rows = any_present(any_present(step.scene.contact, step.scene.fluid), pairs)  # of forces on bodies
     if trees is None:
         _forces(step, dy)

@@ -35,13 +35,14 @@ class Program(NamedTuple):
     state: np.ndarray  # (length,)
     offsets: np.ndarray  # sizes, and where the parts of the state begin
     reference: np.ndarray  # (2 n,)
-    own_command: np.ndarray  # (2 n,)
+    own_command: np.ndarray  # (2 n,), and then of drives of surfaces
     own_memory: np.ndarray  # (K,)
     failure: np.ndarray  # (4,)
+    surfaces: int  # where the commands of surfaces begin in the state
 
     SHARED = (
         "function", "every", "replaces", "torques", "state", "offsets", "reference", "own_command", "own_memory",
-        "failure",
+        "failure", "surfaces",
     )  # fmt: skip
 
 
@@ -82,6 +83,11 @@ def act(replaces, program, plan, k, y, reference):
                 program.own_command[i] = 0.0
                 if replaces is None:
                     program.own_command[i] = program.reference[i]
+            for i in range(len(program.reference), len(program.own_command)):
+                program.own_command[i] = 0.0
+            first = len(program.reference) // 2
+            for i in range(first, len(program.own_command) // 2):
+                program.own_command[2 * i] = numbers[(program.surfaces + i - first) * width + lane]
             for i in range(len(program.own_memory)):
                 program.own_memory[i] = memory[i * width + lane]
             arrays = (
@@ -91,8 +97,10 @@ def act(replaces, program, plan, k, y, reference):
             call_outside(program.function, t, arrays)
             look_for_failure(program)
             if program.failure[FAILED] == 0.0:
-                for i in range(len(program.own_command)):
+                for i in range(len(program.reference)):
                     command[i * width + lane] = program.own_command[i]
+                for i in range(first, len(program.own_command) // 2):
+                    numbers[(program.surfaces + i - first) * width + lane] = program.own_command[2 * i]
                 for i in range(len(program.own_memory)):
                     memory[i * width + lane] = program.own_memory[i]
 

@@ -26,8 +26,7 @@ from .pace import PACE
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
 Of = Literal[
     "base", "ball", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot",
-    "turning", "pairs", "tendon", "loop", "row", "fluid",
-    "immersed",
+    "turning", "pairs", "tendon", "loop", "row", "fluid", "immersed", "surface",
 ]  # fmt: skip
 
 
@@ -39,7 +38,7 @@ class Channel(NamedTuple):
     of: Of  # what has it: each floating base, ball joint, joint, joint with a servo or rotor, contact point, tree, the
     # run, the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
     # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, each tendon, each
-    # loop, each of its rows, each tree in a medium, and each shape in it
+    # loop, each of its rows, each tree in a medium, each shape in it, and each drive of surfaces
     width: int  # numbers each
     unit: str
     what: str
@@ -70,6 +69,7 @@ CHANNELS = (
     Channel("pair_work", "integrated", "pairs", 1, "J", "work of the forces between bodies on both"),
     Channel("fluid_work", "integrated", "fluid", WORKS, "J", "work of the medium on the robot",
             ("buoyancy", "drag", "added_mass", "propulsion")),
+    Channel("surface_work", "integrated", "surface", 1, "J", "work of the drives of surfaces, such as belts"),
     Channel("source_loss", "integrated", "source", 1, "J", "what the resistance of the supply took"),
     Channel("voltage", "held", "servo", 1, "V", "motor voltages"),
     Channel("integral", "held", "servo", 1, "rad s or rad", "integral of the controller's error"),
@@ -80,6 +80,7 @@ CHANNELS = (
     Channel("delayed", "held", "delay", 1, "V", "voltages that wait, oldest first, at the nominal supply"),
     Channel("pair", "held", "slot", 1, "-", "1 + index of the pair that has the slot, 0 of none"),
     Channel("pair_feature", "held", "slot", 1, "-", "1 + feature that touches, 0 of none"),
+    Channel("surface_command", "held", "surface", 1, "-", "what the motions of surfaces are multiplied by"),
     Channel("loop_closed", "held", "loop", 1, "-", "1 of a loop that is closed, 0 of one that is open"),
     Channel("loop_place", "held", "loop", 13, "m, -", "where a loop holds its second body, as kernels see it",
             (*"xyz", *(f"{row}{column}" for row in "xyz" for column in "xyz"), "length")),

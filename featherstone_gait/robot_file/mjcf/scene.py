@@ -19,7 +19,7 @@ import numpy as np
 from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
-from ...model import Controller, Fluid, Ground, Joint, Loop, Servo
+from ...model import Controller, Fluid, Ground, Joint, Loop, Servo, Surface
 from ...model.pair_contact import GROUND, NONE, PairContact
 from ...model.placed import SEPARATOR, link_name
 from ...model.shapes import Shape
@@ -46,6 +46,7 @@ from .tree import (
     moving_trees,
     names_of,
     rounded,
+    surface_of,
     top_bodies,
     tree_at,
     unused,
@@ -232,11 +233,21 @@ def _obstacle(m: Any, top: int, name: str, geoms: list[int], solids: Solids) -> 
         while b not in (top, 0):
             turn = rotation_from_quaternion(m.body_quat[b])
             E, r, b = product(turn, E), m.body_pos[b] + applied(turn, r), int(m.body_parentid[b])
-        xyz, rpy = (vector(r), rpy_from_rotation(E)) if top else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        shapes.append(replace(shape, link=OBSTACLE, xyz=xyz, rpy=rpy, friction=None))
+        r, E = (r, E) if top else (np.zeros(3), np.eye(3))
+        surface = shape.surface and _in_frame(m, g, shape.surface, E, r)
+        shapes.append(
+            replace(shape, link=OBSTACLE, xyz=vector(r), rpy=rpy_from_rotation(E), friction=None, surface=surface)
+        )
     position, quaternion = (m.body_pos[top], m.body_quat[top]) if top else (m.geom_pos[geoms[0]], m.geom_quat[geoms[0]])
     robot = Robot(name, (), (), tuple(shapes), "fixed")
     return Part(robot, vector(position), tuple(quaternion.tolist()), ())
+
+
+def _in_frame(m: Any, g: int, surface: Surface, E: np.ndarray, r: np.ndarray) -> Surface:
+    """Return a geom's surface, of the frame of its body, in that in which the geom has the rotation E and place r."""
+    turn = product(E, rotation_from_quaternion(m.geom_quat[g]).T)
+    velocity, turning = (vector(applied(turn, np.array(x))) for x in (surface.velocity, surface.turning))
+    return replace(surface, velocity=velocity, turning=turning, center=vector(r))
 
 
 # ---------------------------------------------------------------------------------------------- shapes
@@ -261,6 +272,7 @@ def _solids(m: Any, floor: int | None, stated: bool, report: Report) -> Solids:
             continue
         rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
         shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, names[g], None, *moments_of(m, g))
+        shapes[g] = replace(shapes[g], surface=surface_of(m, g, names[g]))
     for sentence in rounded(m, shapes, names):
         report.remark(sentence)
     for kind, geoms in left.items():
@@ -343,4 +355,13 @@ def _ground(m: Any, g: int) -> Ground:
     x, y, z = E[:, 2].tolist()  # the normal
     height = (x * float(r[0]) + y * float(r[1]) + z * float(r[2])) / z
     slope = math.atan2(math.hypot(x, y), z)
-    return Ground(friction, height=height, slope=slope, heading=math.atan2(-y, -x) if slope else 0.0)
+    heading = math.atan2(-y, -x) if slope else 0.0
+    stated = getattr(m, "geom_surfacevel", np.zeros((g + 1, 6)))[g]
+    v, turning = applied(E, stated[:3]), float(stated[5])
+    ahead, across = (math.cos(heading), math.sin(heading)), (-math.sin(heading), math.cos(heading))
+    along = z * (ahead[0] * float(v[0]) + ahead[1] * float(v[1])) + math.sin(slope) * float(v[2])
+    aside, center = across[0] * float(v[0]) + across[1] * float(v[1]), (float(r[0]), float(r[1]))
+    moving: dict[str, Any] = {}
+    if stated.any():
+        moving = {"velocity": (along, aside), "turning": turning, "center": center}
+    return Ground(friction, height=height, slope=slope, heading=heading, **moving)

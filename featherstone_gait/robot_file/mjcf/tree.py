@@ -13,7 +13,7 @@ import numpy as np
 from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
-from ...model import Base, HeightField, Joint, Link, Mimic
+from ...model import Base, HeightField, Joint, Link, Mimic, Surface
 from ...model.links import weakens
 from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Shape, Sphere
@@ -270,7 +270,8 @@ def read_shapes(m: Any, tree: Tree, friction: Mapping[int, float | None]) -> tup
         else:
             rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
             link, at = tree.bodies[m.geom_bodyid[g]], vector(m.geom_pos[g])
-            shapes.append(Shape(link, geometry, at, rpy, names[g], friction[g], *moments_of(m, g)))
+            surface = surface_of(m, g, names[g])
+            shapes.append(Shape(link, geometry, at, rpy, names[g], friction[g], *moments_of(m, g), surface))
     notes = rounded(m, (g for g in friction if tree.holds(m, int(m.geom_bodyid[g]))), names)
     notes += [f"skipped {silent} geoms that touch no floor"] if silent else []
     notes += [f"ignored {count} geoms of type {kind}, which is not supported" for kind, count in left.items()]
@@ -281,6 +282,19 @@ def moments_of(m: Any, g: int) -> tuple[float | None, float | None]:
     """Return the coefficients of torsional and rolling friction [m] that `condim` lets a geom have, None for others."""
     _, torsional, rolling = m.geom_friction[g].tolist()
     return torsional if m.geom_condim[g] >= 4 else None, rolling if m.geom_condim[g] >= 6 else None
+
+
+def surface_of(m: Any, g: int, name: str) -> Surface | None:
+    """Return how the surface of a geom moves, which MuJoCo states in the geom's frame; None where it rests.
+
+    The name of the geom is that of its drive.
+    """
+    stated = getattr(m, "geom_surfacevel", None)
+    if stated is None or not stated[g].any():
+        return None
+    E = rotation_from_quaternion(m.geom_quat[g])
+    velocity, turning = (vector(applied(E, part)) for part in (stated[g, :3], stated[g, 3:]))
+    return Surface(velocity, turning, vector(m.geom_pos[g]), name)
 
 
 def geometry_of(m: Any, g: int) -> Geometry | None:

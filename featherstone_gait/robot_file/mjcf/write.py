@@ -74,13 +74,12 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
 def _left_out(model: Model) -> list[str]:
     rollers = any(point.roller_angle is not None for point in model.contacts)
     shapes = ["immersed shapes"] * bool(model.immersed) + ["propellers"] * bool(model.propellers)
-    return shapes + ["rollers of wheels"] * rollers
+    tracks = any(point.surface is not None and point.circle_radius > 0 for point in model.contacts)
+    return shapes + ["rollers of wheels"] * rollers + ["surfaces that move on circles of contact"] * tracks
 
 
 def _remarks(model: Model, ground: Ground | None) -> list[str]:
     remarks = [f"left out {what}, which MJCF does not state" for what in _left_out(model)]
-    if ground is not None and ground.moves:
-        remarks.append("left out the velocity of the ground's surface")
     if ground is not None and ground.lines:
         remarks.append("left out the lines on the ground")
     frictions = [point.friction for point in model.contacts] + [shape.friction for shape in model.shapes]

@@ -17,7 +17,8 @@ import numpy as np
 from ...base.fixed_order import applied
 from ...base.rotation import rotation_from_rpy
 from ...dynamics import Wrench, energy, forward_dynamics
-from ...model import ContactPoint, Ground, HeightField, Link, Model
+from ...model import ContactPoint, Ground, HeightField, Link, Model, Surface
+from ...model.links import Vector
 from ...model.numpy_dynamics import zero_position
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
 from ..markup import comment, element
@@ -90,7 +91,17 @@ def _shape_lines(k: int, name: str, shape: Shape, bits: dict[str, str]) -> list[
         x, y, z = (np.array(place) + applied(rotation_from_rpy(shape.rpy), np.array(low))).tolist()
         place = (x, y, z)
     attributes = {"name": name or None, **stated, "pos": place, "euler": shape.rpy, **MASSLESS, **bits}
-    return element("geom", attributes | _moments(shape))
+    return element("geom", attributes | _moments(shape) | _surface(shape.surface, place, shape.rpy))
+
+
+def _surface(surface: Surface | None, place: Vector, rpy: Vector) -> dict[str, Any]:
+    """Write how a surface moves at its first command, in the frame of a geom that is placed in the link's."""
+    if surface is None:
+        return {}
+    back, turning = rotation_from_rpy(rpy).T, np.array(surface.turning)
+    v = np.array(surface.velocity) + np.cross(turning, np.array(place) - np.array(surface.center))
+    both = [*applied(back, v), *applied(back, turning)]
+    return {"surfacevel": tuple(surface.command * float(x) for x in both)}
 
 
 def _moments(shape: Shape) -> dict[str, Any]:
@@ -164,7 +175,8 @@ def _point(point: ContactPoint) -> dict[str, Any]:
     if point.circle_radius > 0:
         size = (point.circle_radius, POINT_RADIUS)
         return {"type": "cylinder", "pos": point.position, "zaxis": point.axis, "size": size}
-    return {"type": "sphere", "pos": point.position, "size": point.radius or POINT_RADIUS}
+    moving = _surface(point.surface, point.position, (0.0, 0.0, 0.0))
+    return {"type": "sphere", "pos": point.position, "size": point.radius or POINT_RADIUS, **moving}
 
 
 # ---------------------------------------------------------------------------------------------- ground
@@ -176,7 +188,9 @@ def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[st
         return [], []
     if ground.field is None:
         turn = (0.0, -ground.slope, ground.heading)
-        kind = {"type": "plane", "size": "0 0 1", "pos": (0.0, 0.0, ground.height), "euler": turn}
+        place = (0.0, 0.0, ground.height)
+        kind = {"type": "plane", "size": "0 0 1", "pos": place, "euler": turn}
+        kind |= _surface(_of_ground(ground, rotation_from_rpy(turn)), place, turn)
     else:
         x, y = (o + half for o, half in zip(ground.field.origin, _halves(ground.field)))
         kind = {"type": "hfield", "hfield": FLOOR, "pos": (x, y, ground.height + ground.field.heights.min())}
@@ -190,6 +204,16 @@ def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[st
     left = ["the steps of the ground are left out"] if ground.steps else []
     left += ["the ground ends at the edge of its field, whose cells are two triangles each"] if ground.field else []
     return element("geom", floor), left
+
+
+def _of_ground(ground: Ground, E: np.ndarray) -> Surface | None:
+    """Return how the surface of a plane ground moves in the world; E (3, 3): its tangents and normal, in columns."""
+    if not ground.moves:
+        return None
+    velocity, turning = applied(E, np.array([*ground.velocity, 0.0])), ground.turning * E[:, 2]
+    (x, y), normal = ground.center, E[:, 2]
+    z = ground.height - float(normal[0] * x + normal[1] * y) / float(normal[2])
+    return Surface(tuple(velocity.tolist()), tuple(turning.tolist()), (x, y, z))
 
 
 def _give(model: Model, ground: Ground) -> dict[str, Any]:

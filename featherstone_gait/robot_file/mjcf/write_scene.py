@@ -56,8 +56,6 @@ def scene_text(scene: SceneModel) -> str:
         root.extend(_comments(placed.name, part.root))
     if scene.fluid is not None:
         root.append(Comment(f" left out the fluid of density {scene.fluid.density!r}, and what it acts on "))
-    if scene.ground is not None and scene.ground.moves:
-        root.append(Comment(" left out the velocity of the ground's surface "))
     if scene.ground is not None and scene.ground.lines:
         root.append(Comment(" left out the lines on the ground "))
     SubElement(root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true")

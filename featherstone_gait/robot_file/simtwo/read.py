@@ -280,7 +280,8 @@ def _robot(
         base=base,
         servos={axis.name: axis.servo for axis in axes if axis.servo is not None and axis.kind != "Fixed"},
         shapes=tuple(
-            Shape(solid.link.name, solid.geometry, place, solid.rpy, friction=solid.friction) for solid, place in places
+            Shape(solid.link.name, solid.geometry, place, solid.rpy, friction=solid.friction, surface=solid.surface)
+            for solid, place in places
         ),
         postures={"scene": Posture(start, {joint.name: _zero(joint) for joint in joints if joint.type != "fixed"})},
         immersed=tuple(

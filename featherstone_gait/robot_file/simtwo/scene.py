@@ -97,7 +97,7 @@ def _placed(element: Element, numbers: Numbers, kind: str, section: Section, nam
     moves = kind == "things"
     model = Model(
         name, (link,), (), "floating" if moves else "fixed",
-        shapes=(Shape(link.name, solid.geometry, rpy=solid.rpy, friction=solid.friction),),
+        shapes=(Shape(link.name, solid.geometry, rpy=solid.rpy, friction=solid.friction, surface=solid.surface),),
         immersed=tuple(replace(one, link=LINK) for one in solid.immersed if moves),
     )  # fmt: skip
     if moves:

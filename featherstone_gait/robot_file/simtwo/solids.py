@@ -11,7 +11,7 @@ import numpy as np
 
 from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_from_rpy, rpy_from_rotation
-from ...model import ContactPoint, Immersed, Link, Servo
+from ...model import ContactPoint, Immersed, Link, Servo, Surface
 from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from ...model.shapes import Box, Cylinder, Geometry, Sphere
 from ..markup import Vector
@@ -20,7 +20,11 @@ from .expression import Numbers
 
 NOTHING = (0.0, 0.0, 0.0)
 AIR = 1.293  # [kg/m^3] density of the medium in SimTwo
-BELT = "SimTwo's script moves its surface, and here only that of the ground moves, by Ground(velocity=...)"
+BELT = (
+    "its surface moves along its x axis at 0.5 m/s, as in SimTwo until a script sets its speed; command_surface and "
+    "Session.command_surface set it here"
+)
+BELT_SPEED = 0.5  # [m/s] of SimTwo's belts, until a script sets another
 THRUST = (
     "N s/rad times the angular velocity, is left out: here it is by the square of the speed; give the joint a "
     "Propeller whose thrust is that over the speed at which it works"
@@ -42,6 +46,7 @@ class Solid(NamedTuple):
     friction: float | None = None
     immersed: tuple[Immersed, ...] = ()  # about its center
     rollers: ContactPoint | None = None  # what touches the ground if it is a wheel with rollers, about its center
+    surface: Surface | None = None  # of a belt
 
 
 class Axis(NamedTuple):
@@ -92,6 +97,8 @@ def solid_of(element: Element, numbers: Numbers, unnamed: str = "", massless: bo
         link, numbers.xyz(element.find("pos"), f"{what} <pos>"), rpy, geometry, mu if mu >= 0 else None
     )
     kind = attribute(element, "ID", "kind", "")
+    if element.tag == "belt":
+        solid = solid._replace(surface=Surface(along_x(rpy), command=BELT_SPEED))
     if kind in ROLLERS and isinstance(geometry, Cylinder):
         solid = rolling(solid, geometry.radius, ROLLERS[kind], *ROLLING)
     immersed = [*_drag(element, numbers, solid, inertia, outlines), *_buoyancy(element, numbers, solid)]
@@ -102,10 +109,16 @@ def tell_driven(element: Element, numbers: Numbers, differences: Differences) ->
     """Add what a belt and a propeller do in SimTwo alone."""
     name = attribute(element, "ID", "value", "")
     if element.tag == "belt":
-        differences.add(element, f"<belt> {name!r} is a box at rest: {BELT}", doubt=True)
+        differences.add(element, f"<belt> {name!r}: {BELT}")
     elif element.tag == "propeller":
         thrust = numbers.one(element.find("thrust"), "coefficient", 0.1, f"solid {name!r} <thrust>")
         differences.add(element, f"the thrust of <propeller> {name!r}, {thrust:g} {THRUST}", doubt=True)
+
+
+def along_x(rpy: Vector) -> Vector:
+    """Return the x axis of a solid in axes parallel to the robot's; times a belt's command, the velocity in m/s."""
+    x, y, z = rotation_from_rpy(rpy)[:, 0].tolist()
+    return x, y, z
 
 
 def rolling(solid: Solid, radius: float, angle: float, along: float, across: float) -> Solid:
@@ -189,6 +202,7 @@ def placed_in(mother: Solid, solid: Solid) -> Solid:
         rpy=rpy,
         immersed=tuple(replace(one, xyz=turned(one.xyz), rpy=rpy) for one in solid.immersed),
         rollers=rollers and replace(rollers, axis=turned(rollers.axis)),
+        surface=solid.surface and replace(solid.surface, velocity=along_x(rpy)),
     )
 
 
@@ -197,7 +211,7 @@ def shell_of(element: Element, numbers: Numbers, mother: Solid, name: str) -> tu
     shell = placed_in(mother, solid_of(element, numbers, name, massless=True))
     link = replace(shell.link, name=name, gravity_compensation=mother.link.gravity_compensation)
     axis = Axis(name, "Fixed", mother.link.name, name, shell.position, (1.0, 0.0, 0.0), NOTHING[:2], None, {}, element)
-    return shell._replace(link=link, immersed=(), rollers=None), axis
+    return shell._replace(link=link, immersed=(), rollers=None, surface=None), axis
 
 
 def _cuboid(element: Element, numbers: Numbers, what: str) -> Shaped:
