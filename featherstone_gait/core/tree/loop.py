@@ -435,12 +435,19 @@ def _most(tree, parts, k, rows, W):
             x = load3(rows, r, at)
             square = dot(x, x)
             far = select(square > far, square, far)
-    for number in (k.tree_a, k.tree_b):
-        root, end = rows_of(parts[number], tree)
-        for i in range(root + 1, end):
-            p = load3(W, i, P)
-            reach = W[i, DINV] * (1.0 + far + dot(p, p))
-            most = select(reach > most, reach, most)
+    most = _reach(tree, parts[k.tree_a], far, most, W)
+    if k.tree_a != k.tree_b:
+        most = _reach(tree, parts[k.tree_b], far, most, W)
+    return most
+
+
+@inline
+def _reach(tree, part, far, most, W):
+    root, end = rows_of(part, tree)
+    for i in range(root + 1, end):
+        p = load3(W, i, P)
+        reach = W[i, DINV] * (1.0 + far + dot(p, p))
+        most = select(reach > most, reach, most)
     return most
 
 
