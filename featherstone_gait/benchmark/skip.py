@@ -224,11 +224,11 @@ def changed(model: Model, which: slice = slice(None), **changes: Any) -> Model:
     return replace(model, joints=joints, servos={})
 
 
-def first_by(arm: Model, kind: Any) -> Model:
+def first_by(arm: Model, kind: Any, stiffness: float = 0.0) -> Model:
     """Return the arm whose first joint is a ball joint, or a universal one with a hinge behind it."""
     first, *others = arm.joints
     free: dict[str, Any] = {"lower": -math.inf, "upper": math.inf, "axis": (0.0, 0.0, 1.0)}
-    turning = [replace(first, type="ball", **free)]
+    turning = [replace(first, type="ball", stiffness=stiffness, **free)]
     if kind == "universal":
         cross = replace(first, type=kind, child="cross", **free)
         turning = [cross, Joint("behind", "continuous", "cross", first.child, axis=(0.0, 1.0, 0.0))]
@@ -306,8 +306,7 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
          rollout(roped(floating, start=None)), "one of two ends"),
         ("no damping that grows", rollout(changed(arm, damping=0.01)),
          rollout(changed(arm, damping=0.01, cubic_damping=0.01)), "cubic, of 7 joints"),
-        ("no spring of a ball joint", rollout(first_by(arm, "ball")),
-         rollout(changed(first_by(arm, "ball"), slice(0, 1), stiffness=0.1)), "one"),
+        ("no spring of a ball joint", rollout(first_by(arm, "ball")), rollout(first_by(arm, "ball", 0.1)), "one"),
         ("no fluid", rollout(in_water(arm, None)), rollout(in_water(arm, WATER)), "a cylinder on each of 7 links"),
         ("no coupled joints", plain, rollout(changed(arm, last, mimic=Mimic(arm.joints[0].name))), "the last of 7"),
         ("no pushes", plain, rollout(arm, pushes=(push,)), "one push"),
