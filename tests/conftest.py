@@ -20,6 +20,10 @@ sys.path.extend(ROOMS)  # what tests share is in support/; processes that they s
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(TESTS.parent), *ROOMS, os.environ.get("PYTHONPATH")]))
 
 APART = ("test_notebooks.py", "test_docs.py", "test_docs_tables.py", "test_published_robots.py")
+UNLIKE = (  # whose cases are no variations of one thing: pages, notebooks, files, programs
+    "test_docs*.py", "test_notebooks.py", "test_examples.py", "test_fuzz_*.py", "test_published_*.py",
+    "test_benchmark_first.py",
+)  # fmt: skip
 LONGEST = """
     notebooks gear_friction beyond_the_paper integrators simulation crash optimize worlds study springs
     crosscheck firmware error_estimate ars343 cache maximal cli linearization physics_servo walking coupling
@@ -34,12 +38,19 @@ def _file(nodeid):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Longest first; what `quick` leaves out is long."""
+    """Longest first; what `quick` leaves out is long, and of a long test all cases but the first are for releases."""
     place = {f"test_{name}.py": k for k, name in enumerate(LONGEST)}
     for item in items:
         quick = item.get_closest_marker("quick")
         if quick and not any(fnmatchcase(item.callspec.id, case) for case in quick.args):
             item.add_marker("long")
+    begun = set()
+    for item in items:
+        test, _, case = item.nodeid.partition("[")
+        if case and item.get_closest_marker("long") and not any(fnmatchcase(_file(test), name) for name in UNLIKE):
+            if test in begun:
+                item.add_marker("release")
+            begun.add(test)
     items.sort(key=lambda item: place.get(_file(item.nodeid), len(LONGEST)))
 
 
