@@ -18,6 +18,7 @@ from .links import Vector
 from .loop import Loop
 from .pair_contact import GROUND, NONE, PAIR_REMEDY, PairContact, name_pairs, pair_contact
 from .robot import Model
+from .sensor import WORLD, SampledSensor, Sensor, check_sensors
 
 SEPARATOR = "/"  # between the names of a model and of its link or joint
 OF_SCENE = "scene"  # the gearbox that is given to compile_scene
@@ -124,6 +125,8 @@ class SceneModel:
         Constraints between links "name/link" of two members, or of a member and the world.
     fluid : Fluid or None
         The fluid around the members.
+    sensors : tuple of sensors
+        Sensors on links "name/link" of members, or of the "world".
 
     Raises
     ------
@@ -144,6 +147,7 @@ class SceneModel:
     pairs: str | tuple[tuple[str, str], ...] | PairContact = NONE
     loops: tuple[Loop, ...] = ()
     fluid: Fluid | None = None
+    sensors: tuple[Sensor | SampledSensor, ...] = ()
 
     def __repr__(self) -> str:
         named = [f"{len(self.members)} members ({quoted(m.name for m in self.members)})"] if self.members else []
@@ -171,6 +175,8 @@ class SceneModel:
         self._check_excluded()
         object.__setattr__(self, "loops", tuple(listed("scene: loops", self.loops, "give a list of Loop")))
         check_scene_loops(self.members, self.loops)
+        links = [link_name(placed.name, link.name) for placed in self.members for link in placed.model.links]
+        object.__setattr__(self, "sensors", check_sensors("scene", self.sensors, [*links, WORLD]))
 
     def _name_flaws(self) -> Iterator[str]:
         if not self.members:

@@ -33,6 +33,7 @@ from .loop import Loop, check_loops
 from .mass_checks import by_body, indefinite_flaws
 from .pair_contact import name_pairs
 from .rigid_bodies import Frame, Placement, RigidBody, depth_first_joints, lay_out, merge
+from .sensor import WORLD, SampledSensor, Sensor, check_sensors
 from .servo import Servo, Supply
 from .shapes import Shape
 from .tendon import Tendon, check_tendons
@@ -85,6 +86,8 @@ class Model:
         Shapes on which a fluid acts.
     propellers : tuple of Propeller
         Joints that push what carries them.
+    sensors : tuple of sensors
+        Sensors on links, which runs record and sessions observe by their names; those of a scene by "robot/name".
 
     Raises
     ------
@@ -110,13 +113,14 @@ class Model:
     tendons: tuple[Tendon, ...] = ()
     immersed: tuple[Immersed, ...] = ()
     propellers: tuple[Propeller, ...] = ()
+    sensors: tuple[Sensor | SampledSensor, ...] = ()
 
     def __repr__(self) -> str:
         counts = {
             "moving joints": self.joint_names, "locked": self.locked, "servos": self.servos,
             "contact points": self.contacts, "shapes": self.shapes, "keyframes": self.keyframes,
             "loops": self.loops, "tendons": self.tendons, "immersed shapes": self.immersed,
-            "propellers": self.propellers,
+            "propellers": self.propellers, "sensors": self.sensors,
         }  # fmt: skip
         found = ", ".join(f"{len(parts)} {what}" for what, parts in counts.items() if parts)
         return f"<robot {clipped(self.name)}: {self.base} base, {self.mass:.4g} kg, {found}>"
@@ -142,6 +146,8 @@ class Model:
         check_tendons(self.links, self.degrees.joints, self.tendons)
         check_links("immersed", self.links, (shape.link for shape in self.immersed))
         check_propellers(self.joints, self.propellers)
+        links = [*(link.name for link in self.links), WORLD]
+        object.__setattr__(self, "sensors", check_sensors(what, self.sensors, links))
         check_can_move(self.joints, self.held)
         for name, q in self.keyframes.items():
             check(vector_flaws(f"keyframe {name!r}", "q", q, self.nq))

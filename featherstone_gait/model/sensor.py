@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import floats, instance, real, shown, vector, whole
+from ..base.arguments import floats, instance, listed, real, shown, vector, whole
 from ..base.brief import brief
 from ..base.fixed_order import applied, total
+from ..base.flaws import quoted
 from ..base.rotation import rotation_from_rpy
 from .checks import LARGEST, check, quantity, quantity_flaws, vector_flaws
 
@@ -365,6 +367,21 @@ class SampledSensor:
         object.__setattr__(self, "noise", float(several) if several.ndim == 0 else tuple(several.tolist()))
         if not self.name:
             object.__setattr__(self, "name", self.sensor if isinstance(self.sensor, str) else self.sensor.name)
+
+
+def check_sensors(what: str, sensors: Any, links: Collection[str]) -> tuple[Sensor | SampledSensor, ...]:
+    """Return sensors of a robot or scene; raise ValueError for links that are not there and names that come again."""
+    found = tuple(listed(f"{what}: sensors", sensors, "give a list of sensors"))
+    names = set[str]()
+    for one in found:
+        instance(f"{what}: sensors", one, (*get_args(Sensor), SampledSensor), "give sensors, such as RangeSensor(...)")
+        inner = one.sensor if isinstance(one, SampledSensor) else one
+        if not isinstance(inner, str) and inner.link not in links:
+            raise ValueError(f"{what}: sensor {one.name!r} is on {inner.link!r}; links: {quoted(links)}")
+        if not one.name or "/" in one.name or one.name in names:
+            raise ValueError(f"{what}: a sensor is called {one.name!r}; give each a name of its own, without '/'")
+        names.add(one.name)
+    return found
 
 
 def _check_place(sensor: Any, what: str) -> None:

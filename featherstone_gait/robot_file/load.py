@@ -202,6 +202,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             tendons=tuple({one.name: one for one in (*robot.tendons, *settings.tendons)}.values()),
             immersed=(*robot.immersed, *settings.immersed),
             propellers=settings.propellers,
+            sensors=robot.sensors,
         )
     report.raise_problems(path)
     return model

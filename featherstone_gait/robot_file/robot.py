@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from ..model import Base, ContactPoint, Immersed, Joint, Link, Loop, Model, Servo, Tendon
 from ..model.degrees import ball_name, degrees_of, is_first
+from ..model.sensor import Sensor
 from ..model.shapes import Shape
 
 MASSLESS: dict[str, Any] = {"mass": 0.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": (0.0,) * 6}  # of a Link
@@ -50,6 +51,7 @@ class Robot(NamedTuple):
     tendons: tuple[Tendon, ...] = ()
     immersed: tuple[Immersed, ...] = ()
     rollers: Mapping[str, ContactPoint] = {}  # of wheels with rollers, by link
+    sensors: tuple[Sensor, ...] = ()
 
 
 def with_rollers(model: Model, rollers: Mapping[str, ContactPoint]) -> Model:

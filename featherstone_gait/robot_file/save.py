@@ -175,6 +175,7 @@ def _toml_text(model: Model) -> str:
     for propeller in model.propellers:
         lines += ["", "[[propellers]]", *_assignments(_stated(propeller))]
     excluded = [f"excluded = {written(model.excluded)}"] if model.excluded else []
+    excluded += ["# left out the sensors, which this file cannot state"] if model.sensors else []
     return "\n".join([f"base = {written(model.base)}", "contacts = [", *contacts, "]", *excluded, *lines, ""])
 
 

@@ -23,7 +23,7 @@ from .save import MJCF
 from .scene_toml import read_scene_toml
 from .settings import Settings
 from .simtwo.read import file_of, name_of, read_simtwo
-from .simtwo.scene import read_solids, tell_scene
+from .simtwo.scene import read_rest, read_solids
 from .simtwo.solids import AIR
 from .source import scene_path
 
@@ -108,15 +108,17 @@ def _simtwo(path: Path, markup: Markup, strict: bool) -> SceneModel:
     things, remarks = read_solids(path, markup, "things", strict)
     obstacles, more = read_solids(path, markup, "obstacles", strict)
     members += things
-    if root.tag == "scene":
-        tell_scene(path, root, whole)
+    sensors = read_rest(path, root, whole) if root.tag == "scene" else ()
     if len(members) + len(obstacles) > 1:
         whole.remark('bodies touch the ground alone: give pairs="all" to compile_scene to let them touch as in SimTwo')
     whole.raise_problems(path)
     whole.warn(path, stacklevel=4)
     notes = (*whole.notes(), *remarks, *more)
     fluid = Fluid(AIR) if any(placed.model.immersed for placed in members) else None
-    return SceneModel(path.stem, tuple(members), tuple(obstacles), Ground(), notes=notes, source=str(path), fluid=fluid)
+    return SceneModel(
+        path.stem, tuple(members), tuple(obstacles), Ground(), notes=notes, source=str(path), fluid=fluid,
+        sensors=sensors,
+    )  # fmt: skip
 
 
 def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:

@@ -57,7 +57,8 @@ def measure(
     trajectory : Trajectory
         What `simulate` returns, with the channels that the sensor needs.
     sensor : a sensor, or str
-        A sensor, one of encoders, gyroscope, accelerometer, center_of_pressure and contact_positions, or a channel.
+        A sensor or the name of one of the scene's, one of encoders, gyroscope, accelerometer, center_of_pressure and
+        contact_positions, or a channel.
     robot : int
         Number of the run in a batch, or of the robot in a session, of which its noise depends.
 
@@ -74,6 +75,7 @@ def measure(
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     instance("trajectory", trajectory, Mapping, "give what simulate returns")
     robot = whole("robot", robot, 0, "it is the number of the run in a batch")
+    sensor = resolved(scene, sensor, "sensor")
     function, _ = found(sensor)
     if missing := [name for name in here(scene, sensor) if name not in trajectory]:
         raise ValueError(f"trajectory: channels {missing} were not recorded; name them in simulate(record=...)")
@@ -141,6 +143,25 @@ def _mixed(z: Any) -> Any:
         return z ^ (z >> np.uint64(31))
 
 
+def resolved(scene: CompiledScene, what: Any, who: str = "observe") -> Any:
+    """Return the sensor of a scene that has a name; a channel, a sensor of `NAMED` and a sensor itself as they are.
+
+    Raises ValueError for a name of nothing.
+    """
+    if isinstance(what, SampledSensor) and isinstance(what.sensor, str):
+        inner = resolved(scene, what.sensor, who)
+        if isinstance(inner, SampledSensor):
+            raise ValueError(f"sampled sensor {what.name!r}: {what.sensor!r} is sampled already: change the model's")
+        return what if isinstance(inner, str) else replace(what, sensor=inner)
+    if not isinstance(what, str) or what in NAMED or current_name(what) in RECORDABLE:
+        return what
+    own = scene.sensors
+    if what not in own:
+        known = ", ".join((*RECORDABLE, *NAMED, *own))
+        raise ValueError(f"{who}: there is no channel or sensor {shown(what)}; there are {known}")
+    return own[what]
+
+
 def found(what: What, who: str = "observe") -> tuple[Callable[..., Any], tuple[str, ...]]:
     """Return what computes the exact readings (samples, ...) from scene and channels, and the channels it needs.
 
@@ -189,6 +210,8 @@ def split(scenes: Sequence[CompiledScene], record: Iterable[Any] | None) -> Chos
     if record is None or isinstance(record, str):
         return Chosen(record, frozenset(), [])  # type: ignore[arg-type]
     given = listed("record", record, "give a list of channels, such as ('q', 'qd')")
+    if scenes and isinstance(scenes[0], CompiledScene):
+        given = [resolved(scenes[0], one, "record") for one in given]
     chosen = [one for one in given if isinstance(one, OBJECTS) or (isinstance(one, str) and one in NAMED)]
     if not chosen:
         return Chosen(tuple(given), frozenset(), [])

@@ -39,7 +39,7 @@ from .compiled_run import CompiledRun
 from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, edges_on_steps, second_run
 from .fleet import Fleet
 from .lane_constants import numbers_in
-from .measure import What, split, with_readings
+from .measure import What, resolved, split, with_readings
 from .observation import Log, SampledView, view_of
 from .prepare import coordinates, each_once, most_ticks, prepare, steps_between_records, with_tolerance
 from .program import CompiledController, open_loop, with_ticks
@@ -154,7 +154,8 @@ class Session:
         given = {name: value for name, value in locals().items() if name != "self"}
         check_scene(scene)
         self._given = given
-        given |= {"observe": tuple(_names(observe)), "record": tuple(_names(record, "record"))}
+        seen = tuple(resolved(scene, one) for one in _names(observe))
+        given |= {"observe": seen, "record": tuple(_names(record, "record"))}
         self.action: Action = _action(scene, action, controller)
         scenes, self.n = _scenes(scene, n, worlds)
         self._chosen = split(scenes, given["record"])

@@ -24,7 +24,8 @@ from ..core.step.closure import Loops
 from ..core.step.context import Scene
 from ..model import Controller, Fluid, Ground, Loop, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, pair_contact
-from ..model.placed import Placed, SceneModel, check_scene_loops
+from ..model.placed import Placed, SceneModel, check_scene_loops, link_name
+from ..model.sensor import WORLD, SampledSensor, Sensor
 from ..model.tendon import ball_limit, spring_tendon
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import ByChannel, StateView
@@ -108,6 +109,7 @@ class CompiledScene:
     obstacles: tuple[Placed, ...] = ()
     excluded: tuple[tuple[str, str], ...] = ()
     touching: Touching = NOTHING
+    own_sensors: tuple[Sensor | SampledSensor, ...] = ()  # of a scene of several, those of no robot
 
     def __repr__(self) -> str:
         kind = f"{len(self.members)} members" if self.members else f"{self.model.base} base"
@@ -151,7 +153,9 @@ class CompiledScene:
         models = [one.model for one in self.members] if model is None else members_of(self.members, model)
         both = zip(self.members, models)
         placed = [replace(one.placed, model=new, **places.get(one.name, {})) for one, new in both]
-        return SceneModel(self.model.name, tuple(placed), self.obstacles, excluded=self.excluded)
+        return SceneModel(
+            self.model.name, tuple(placed), self.obstacles, excluded=self.excluded, sensors=self.own_sensors
+        )
 
     @property
     def timestep(self) -> float:
@@ -177,6 +181,18 @@ class CompiledScene:
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Links that may touch each other, once for each two of their shapes; the first of both can move."""
         return self.touching.names
+
+    @property
+    def sensors(self) -> dict[str, Sensor | SampledSensor]:
+        """The sensors of robots and scene, by the names under which they are observed and recorded."""
+        if not self.members:
+            return {one.name: one for one in self.model.sensors}
+        found = {one.name: one for one in self.own_sensors}
+        for member in self.members:
+            for one in member.model.sensors:
+                name = link_name(member.name, one.name)
+                found[name] = _of_member(one, member.name, name)
+        return found
 
     @property
     def by_hand(self) -> list[str]:
@@ -411,8 +427,18 @@ def compile_scene(
         own = GRAVITY if model.gravity is None else model.gravity
         options = options._replace(ground=ground or model.ground, gravity=own if gravity is GRAVITY else gravity)
         options = options._replace(fluid=fluid or model.fluid)
-        return _compile_members(model.members, options, model.obstacles, model.excluded)
+        scene = _compile_members(model.members, options, model.obstacles, model.excluded)
+        return replace(scene, own_sensors=model.sensors) if model.sensors else scene
     return _compile_members(model, options)
+
+
+def _of_member(sensor: Any, member: str, name: str) -> Any:
+    """Return the sensor of a member as one of the scene."""
+    if isinstance(sensor, SampledSensor):
+        if isinstance(sensor.sensor, str):
+            return replace(sensor, name=name)
+        return replace(sensor, sensor=_of_member(sensor.sensor, member, name), name=name)
+    return replace(sensor, link=sensor.link if sensor.link == WORLD else link_name(member, sensor.link), name=name)
 
 
 def _compile(model: Model, given: SceneOptions) -> CompiledScene:

@@ -9,14 +9,17 @@ import pytest
 
 from featherstone_gait import (
     Fluid,
-    RangeSensor,
+    LineSensor,
     RobotFileError,
     RobotFileWarning,
+    SampledSensor,
     compile_scene,
     initial_state,
     load_robot,
     load_scene,
     mass_matrix,
+    measure,
+    ranges,
     simulate,
 )
 from featherstone_gait.model.shapes import Box, Cylinder, Sphere
@@ -219,10 +222,10 @@ def test_ball_joints_turn_in_all_directions(tmp_path):
     assert model.keyframes["scene"][7:] == (1.0, 0.0, 0.0, 0.0)
 
 
-def call(notes, name):
-    """The RangeSensor that a note names."""
-    (note,) = [note for note in notes if f"name={name!r}" in note]
-    return note, eval(note[note.index("RangeSensor") :], {"RangeSensor": RangeSensor})
+def named(sensors, name):
+    """The sensor of a name."""
+    (found,) = [one for one in sensors if one.name == name]
+    return found
 
 
 SENSORS = """<sensors>
@@ -230,45 +233,66 @@ SENSORS = """<sensors>
     <ranger2d><ID value="fan"/><beam length="3"/><beam angle="90" rays="5"/><pos z="0.2"/></ranger2d>
     <sonar><ID value="sonar"/><beam length="2" angle="20"/></sonar>
     <IRSharp><ID value="fixed"/><pos x="0.5"/><absolute_coords/></IRSharp>
-    <floorline><ID value="line"/></floorline>
+    <floorline><ID value="line"/><beam length="0.1" final_width="0.02"/><rot_deg y="90"/></floorline>
+    <inductive><ID value="line"/></inductive>
     <imu><ID value="gyro"/></imu>
   </sensors>
   <tools><sonar><ID value="rim"/><solid id="Tyre 90"/></sonar><sonar><ID value="lost"/><solid id="x"/></sonar></tools>
   <tools><solenoid><ID value="grip"/><force fmax="10"/></solenoid></tools>"""
 
 
-def test_notes_name_the_range_sensors_that_do_the_same(tmp_path):
+def test_sensors_along_rays_are_those_of_the_model(tmp_path):
     text = CART % SENSORS
-    notes = quiet(written(tmp_path, text)).notes
-    note, ahead = call(notes, "ahead")
-    assert note.startswith(f"cart.xml, line {line_of(text, '<IRSharp>')}: ")
+    model = quiet(written(tmp_path, text))
+    ahead = named(model.sensors, "ahead")
     assert (ahead.link, ahead.reach) == ("box", 0.4)
     # the box is turned a quarter about z and 0.1 m high: its x is the robot's y, and the ray leaves along the robot's x
-    np.testing.assert_allclose(ahead.mounted, [[0.0, 0.1, 0.12, 1.0, 0.0, 0.0]], atol=1e-8)
-    _, fan = call(notes, "fan")
+    np.testing.assert_allclose(ahead.mounted, [[0.0, 0.1, 0.12, 1.0, 0.0, 0.0]], atol=1e-12)
+    fan = named(model.sensors, "fan")
     angles = np.degrees(np.arctan2(fan.mounted[:, 4], fan.mounted[:, 3]))
-    np.testing.assert_allclose(angles, 90 + np.linspace(-45, 45, 5), atol=1e-6)
-    _, sonar = call(notes, "sonar")
+    np.testing.assert_allclose(angles, 90 + np.linspace(-45, 45, 5), atol=1e-9)
+    sonar = named(model.sensors, "sonar")
     assert (sonar.nearest, sonar.reach) == (True, 2.0)
-    _, fixed = call(notes, "fixed")
-    np.testing.assert_allclose(fixed.mounted, [[0.5, 0.0, 0.0, 1.0, 0.0, 0.0]], atol=1e-8)
-    assert call(notes, "rim")[1].link == "Tyre 90"
-    assert call(notes, "lost")[1].link == "box"
-    assert any("'lost' names no solid" in one for one in notes)
-    for name in ("line", "gyro", "grip"):
-        assert any(f"{name!r} is left out: " in one for one in notes), name
+    fixed = named(model.sensors, "fixed")
+    np.testing.assert_allclose(fixed.mounted, [[0.5, 0.0, 0.0, 1.0, 0.0, 0.0]], atol=1e-12)
+    line = named(model.sensors, "line")
+    assert (type(line), line.radius, line.reach) == (LineSensor, 0.01, 0.1)
+    np.testing.assert_allclose(line.mounted, [[0.0, 0.0, 0.1, 0.0, 0.0, -1.0]], atol=1e-12)
+    assert named(model.sensors, "rim").link == "Tyre 90"
+    assert named(model.sensors, "lost").link == "box"
+    where = f"cart.xml, line {line_of(text, '<inductive>')}: <inductive> 'line' is called"
+    assert any(one.startswith(where) for one in model.notes)
+    for words in ("'lost' names no solid", "<inductive> 'line': it measures the distance to any matter", "n x n rays"):
+        assert any(words in one for one in model.notes), words
+    for name in ("gyro", "grip"):
+        assert any(f"{name!r} is left out: " in one for one in model.notes), name
+    assert not any("'sonar'" in one for one in model.notes)
 
 
 def test_sensors_of_a_scene_are_on_its_members_and_in_the_world(tmp_path):
+    """Those of a robot have its name before theirs; runs record them, and sessions observe them, by these names."""
     written(tmp_path, CART % SENSORS)
     written(tmp_path, '<sensors><IRSharp><ID name="cell"/><pos z="1"/><rot_deg y="90"/></IRSharp></sensors>', "s.xml")
     text = '<scene><robot><ID name="a"/><body file="cart.xml"/></robot><sensors file="s.xml"/></scene>'
-    scene = quiet(written(tmp_path, text, "scene.xml"), load_scene)
-    assert call(scene.member("a").model.notes, "ahead")[1].link == "a/box"
-    note, cell = call(scene.notes, "cell")
-    assert note.startswith("s.xml, line 1: ")
-    assert cell.link == "world"
-    np.testing.assert_allclose(cell.mounted, [[0.0, 0.0, 1.0, 0.0, 0.0, -1.0]], atol=1e-8)
+    model = quiet(written(tmp_path, text, "scene.xml"), load_scene)
+    assert named(model.member("a").model.sensors, "ahead").link == "box"
+    (cell,) = model.sensors
+    assert (cell.link, cell.name) == ("world", "cell")
+    np.testing.assert_allclose(cell.mounted, [[0.0, 0.0, 1.0, 0.0, 0.0, -1.0]], atol=1e-12)
+    scene = compile_scene(model, None, integrator="implicit_euler", timestep=1e-3, fluid=None)
+    assert {"cell", "a/ahead", "a/sonar"} < {*scene.sensors}
+    assert {*scene.recompiled(timestep=2e-3).sensors} == {*scene.sensors}
+    assert scene.sensors["a/ahead"].link == "a/box"
+    y = initial_state(scene)
+    view = scene.state_view(y)
+    still = {"time": np.zeros(1), "base_q": view.base_q[None], "q": view.q[None]}
+    late = SampledSensor("cell", noise=0.1)
+    exact, noisy = (measure(scene, still, one, 2) for one in ("cell", late))
+    assert np.array_equal(measure(scene, still, "a/sonar"), ranges(scene, still, scene.sensors["a/sonar"]))
+    assert exact.shape == noisy.shape == (1, 1)
+    assert exact[0, 0] == np.inf  # farther than it reaches
+    with pytest.raises(ValueError, match=r"no channel or sensor 'sonar'; there are .*a/sonar"):
+        measure(scene, still, "sonar")
 
 
 def test_belts_move_and_propellers_do_not_push_with_a_warning(tmp_path):

@@ -75,7 +75,8 @@ def _left_out(model: Model) -> list[str]:
     rollers = any(point.roller_angle is not None for point in model.contacts)
     shapes = ["immersed shapes"] * bool(model.immersed) + ["propellers"] * bool(model.propellers)
     tracks = any(point.surface is not None and point.circle_radius > 0 for point in model.contacts)
-    return shapes + ["rollers of wheels"] * rollers + ["surfaces that move on circles of contact"] * tracks
+    moved = ["surfaces that move on circles of contact"] * tracks
+    return shapes + ["rollers of wheels"] * rollers + moved + ["sensors"] * bool(model.sensors)
 
 
 def _remarks(model: Model, ground: Ground | None) -> list[str]:

@@ -41,8 +41,10 @@ WHEEL = _known(
 SENSOR = _known(
     "ID: value name; pos: x y z; rot_deg: x y z; beam: length angle rays; solid: id; absolute_coords:"
 )
+SPOT = SENSOR | {"beam": frozenset({"length", "final_width"})}  # of a floorline
 RAYS = "IR IRSharp sonar capacitive inductive ranger2d"
-TOOLS = f"{RAYS} floorline imu RFID beacon pentip solenoid spraygun"  # in <sensors> and in <tools>
+FLOOR = "floorline"
+TOOLS = f"{RAYS} {FLOOR} imu RFID beacon pentip solenoid spraygun"  # in <sensors> and in <tools>
 SECTIONS: Mapping[str, tuple[Known, str]] = {  # properties, and the elements that have them
     "solids": (SOLID, "cuboid cylinder sphere belt propeller"),
     "shells": (SHELL, "cuboid cylinder sphere camera"),
@@ -60,7 +62,7 @@ LOOKS = frozenset(
 PLACED = ("defines", "body", "ID", "pos", "rot_deg")  # beside solids, of an <obstacle> in a scene
 MATTER = "sensors and solenoids feel no matter here"
 WIDTH = "rays have no width"
-NOISE = "distances have no noise: add it to what is measured"
+NOISE = "readings have no noise: give SampledSensor(name, noise=...)"
 REMARKS = {  # why a property, or "property attribute", is not read
     **dict.fromkeys(("metallic", "ferromagnetic", "rfidtag"), MATTER),
     **dict.fromkeys(("encoder", "encoder2"), "a Session observes `encoders`, with the steps of a servo's firmware"),
@@ -74,7 +76,7 @@ REMARKS = {  # why a property, or "property attribute", is not read
     "surface mu2": "friction is the same in all directions, but under wheels with rollers",
     "axis wrap": "references do not wrap: give the turns too",
     "noise": NOISE,
-    "period": "a sensor measures when it is asked",
+    "period": "a sensor measures when it is asked: give SampledSensor(name, rate=...)",
     "tag": "sensors see all matter",
 }
 DOUBTS = {  # the same where the motion depends on it
@@ -120,7 +122,9 @@ class Differences:
         known, elements = SECTIONS[name]
         for element in section:
             if element.tag in elements.split():
-                if known is not SENSOR or element.tag in RAYS.split():  # others are left out as a whole
+                if element.tag == FLOOR:
+                    self._element(element, SPOT)
+                elif known is not SENSOR or element.tag in RAYS.split():  # others are left out as a whole
                     self._element(element, known)
             elif element.tag not in more:
                 unknown = f"<{element.tag}> in <{name}> is skipped, which is nothing that SimTwo knows there"

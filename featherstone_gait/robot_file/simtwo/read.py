@@ -13,7 +13,7 @@ import numpy as np
 
 from ...base.rotation import rotation_from_rpy
 from ...model import Base, Joint, Link, Servo
-from ...model.placed import SEPARATOR
+from ...model.sensor import Sensor
 from ...model.shapes import Shape
 from ..markup import Vector, read_markup
 from ..mjcf.tree import unused
@@ -22,7 +22,7 @@ from ..robot import MASSLESS, Posture, Robot
 from .differences import SECTIONS, Differences, merge_repeated
 from .expression import Numbers, constants_of
 from .motors import Parts, parts_of, servo_of, spring_of
-from .sensors import Carrier, tell_sensor
+from .sensors import Carrier, read_sensor
 from .solids import AIR, NOTHING, Axis, Solid, angles_of, attribute, placed_in, shell_of, solid_of, tell_driven
 from .wheels import wheels_of
 
@@ -73,31 +73,34 @@ def read_simtwo(
         with report.blaming(axis.element):
             joints.append(_joint(axis, origins.get(axis.parent, NOTHING)))
     everything = [*solids, *(solid for solid, _ in parts)]
-    _tell(body, numbers, everything, origins, member, report, differences)
+    sensors = _sensors(body, numbers, everything, origins, report, differences)
+    differences.tell()
+    if any(solid.immersed for solid in everything) and not member:
+        report.remark(f"for drag and buoyancy of solids give fluid=Fluid({AIR}) to compile_scene")
+    report.remark(f"{differences.file.name}: {DAMPED}")
     report.raise_problems(file)
     fixed = any(WORLD in (axis.parent, axis.child) for axis in axes)
-    return _robot(member or name, pose, everything, axes, joints, base or ("fixed" if fixed else "floating"))
+    base = base or ("fixed" if fixed else "floating")
+    return _robot(member or name, pose, everything, axes, joints, base)._replace(sensors=sensors)
 
 
-def _tell(
-    body: Element, numbers: Numbers, solids: list[Solid], origins: Mapping[str, Vector], member: str, report: Report,
+def _sensors(
+    body: Element, numbers: Numbers, solids: list[Solid], origins: Mapping[str, Vector], report: Report,
     differences: Differences,
-) -> None:  # fmt: skip
-    """Report what is read otherwise than SimTwo does, or not at all."""
+) -> tuple[Sensor, ...]:  # fmt: skip
+    """Read the sensors; say what is read otherwise than SimTwo does, or not at all."""
     differences.look_through(body)
-    carriers = {}
+    carriers, found = {}, list[Sensor]()
     for solid in solids:
         name = solid.link.name
         origin = np.array(origins.get(name, NOTHING))
-        link = f"{member}{SEPARATOR * bool(member)}{name}"
-        carriers[name] = Carrier(link, np.array(solid.position) - origin, rotation_from_rpy(solid.rpy), origin)
+        carriers[name] = Carrier(name, np.array(solid.position) - origin, rotation_from_rpy(solid.rpy), origin)
     for element in (*_all(body, "sensors"), *_all(body, "tools")):
         with report.blaming(element):
-            tell_sensor(element, numbers, carriers, carriers[solids[0].link.name], differences)
-    differences.tell()
-    if any(solid.immersed for solid in solids) and not member:
-        report.remark(f"for drag and buoyancy of solids give fluid=Fluid({AIR}) to compile_scene")
-    report.remark(f"{differences.file.name}: {DAMPED}")
+            taken = [one.name for one in found]
+            sensor = read_sensor(element, numbers, carriers, carriers[solids[0].link.name], differences, taken)
+            found += [] if sensor is None else [sensor]
+    return tuple(found)
 
 
 def _only_robot(root: Element) -> Element:

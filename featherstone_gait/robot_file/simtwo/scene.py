@@ -15,6 +15,7 @@ from ...geometry.contact_choice import with_contacts
 from ...model import Model
 from ...model.links import Vector
 from ...model.placed import SEPARATOR, Placed
+from ...model.sensor import Sensor
 from ...model.shapes import Shape
 from ..markup import Markup, read_markup
 from ..report import Report, blamed_on
@@ -22,7 +23,7 @@ from ..robot import with_rollers
 from .differences import SECTIONS, Differences, merge_repeated
 from .expression import Numbers, constants_of
 from .read import quaternion_from_rpy
-from .sensors import WORLD, tell_sensor
+from .sensors import WORLD, read_sensor
 from .solids import angles_of, attribute, solid_of, tell_driven
 
 LINK = "body"  # the one link of a thing
@@ -120,15 +121,19 @@ def _with_own_names(found: list[Placed]) -> list[Placed]:
     return found
 
 
-def tell_scene(path: Path, root: Element, report: Report) -> None:
-    """Report what of a scene is neither robot nor thing nor obstacle; the report is that of the scene's file."""
+def read_rest(path: Path, root: Element, report: Report) -> tuple[Sensor, ...]:
+    """Read the sensors that stand in the world; report what of a scene is neither these nor robot, thing or obstacle.
+
+    The report is that of the scene's file.
+    """
+    found: list[Sensor] = []
     differences, numbers = Differences(path, report), Numbers(constants_of(root, {}))
     differences.look_at_constants(root)
     for element in root:
         if element.tag in ("sensors", "tools"):
-            _tell_sensors(path, element, numbers, report)
+            found += _sensors(path, element, numbers, report, [one.name for one in found])
         elif element.tag == "track":
-            differences.add(element, "<track> is left out: nothing is painted on the ground here")
+            differences.add(element, "<track> is left out: write its lines as Ground(lines=[FloorLine(...)])")
         elif element.tag in ("robot", "things", "obstacles", "obstacle"):
             differences.look_at_constants(element)
             if element.tag == "robot" and any(angles_of(element, numbers, "<robot>")[:2]):
@@ -136,28 +141,32 @@ def tell_scene(path: Path, root: Element, report: Report) -> None:
         elif element.tag != "defines":
             differences.add(element, f"<{element.tag}> is skipped, which SimTwo does not know either")
     differences.tell()
+    return tuple(found)
 
 
-def _tell_sensors(path: Path, section: Element, outer: Numbers, report: Report) -> None:
-    """Report the sensors that stand in the world, in a file or in the scene itself."""
+def _sensors(path: Path, section: Element, outer: Numbers, report: Report, taken: list[str]) -> list[Sensor]:
+    """Read the sensors that stand in the world, in a file or in the scene itself; taken: names that others have."""
     file, body, lines = path, section, report.lines
     if "file" in section.attrib:
         file = path.parent / section.attrib["file"]
         if not file.is_file():
             where = f"{path.name}, line {report.lines[section]}"
             report.doubt(f"{where}: there is no file {file.name}: its {section.tag} are left out")
-            return
+            return []
         with blamed_on(file):
             body, lines, _ = read_markup(file)
     merge_repeated(body)
     own = Report(lines, report.strict)
     numbers, differences = Numbers(constants_of(body, outer.constants)), Differences(file, own)
     differences.look_through(body, section.tag)
+    found: list[Sensor] = []
     for element in body:
         with own.blaming(element):
-            tell_sensor(element, numbers, {}, WORLD, differences)
+            sensor = read_sensor(element, numbers, {}, WORLD, differences, [*taken, *(one.name for one in found)])
+            found += [] if sensor is None else [sensor]
     differences.tell()
     own.raise_problems(file)
     own.warn(file, stacklevel=6)
     for note in own.notes():
         report.remark(note)
+    return found
