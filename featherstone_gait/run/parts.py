@@ -14,7 +14,7 @@ from ..base.arguments import is_real, listed, real, shown, truth
 from ..scene.compile import CompiledScene
 from .prepare import steps_between_records, whole_steps
 from .reference import Reference
-from .start import checked_state, driven_lengths, initial_state, loop_names
+from .start import check_scene, checked_state, driven_lengths, initial_state, loop_names
 from .switch import WITHIN, checked_command, command_surface, drive_number, switch_loop
 from .trajectory import Trajectory
 
@@ -48,6 +48,7 @@ def check_switches(scenes: Iterable[CompiledScene], switches: Sequence[Any]) -> 
         within = real("switches: within", one.within, 0.0, math.inf, "1e-3 is usual, math.inf closes it anywhere")
         found.append(Switch(time, one.name, truth("switches: closed", one.closed), within))
     for scene in {id(scene): scene for scene in scenes}.values():
+        check_scene(scene)
         loop_names(scene, [one.name for one in found if isinstance(one.closed, bool)], "switches")
         for one in found:
             if not isinstance(one.closed, bool):
