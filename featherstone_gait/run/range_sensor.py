@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from ..dynamics import forward_kinematics
 from ..geometry.distance import shape_tables
 from ..model import FloorLine
 from ..model.placed import Placed, link_name
-from ..model.sensor import WORLD, LineSensor, RangeSensor, Sensor
+from ..model.sensor import WORLD, LineSensor, RangeSensor, SampledSensor, Sensor
 from ..scene.channels import owned
 from ..scene.compile import CompiledScene
 from ..scene.forest import Member, shares
@@ -55,6 +57,30 @@ def ranges(scene: CompiledScene, trajectory: Trajectory | Mapping[str, np.ndarra
     found = _cast(scene, names, poses, sensor, list(_solids(scene, names)))
     found = found.min(axis=1, keepdims=True) if sensor.nearest else found
     return sensor.voltage(found) if sensor.curve else found
+
+
+def rays_of(scene: CompiledScene, channels: Mapping[str, np.ndarray], most: int = 48) -> np.ndarray | None:
+    """Return rays of all range sensors of a scene (samples, rays, 7); None without any.
+
+    Where they begin and end [m], and 1 if they meet something, else 0.  Those that meet nothing end at the reach, and
+    where they begin if there is none.  Of a sensor `most` rays at most.
+    """
+    found = []
+    for sensor in scene.sensors.values():
+        inner = sensor.sensor if isinstance(sensor, SampledSensor) else sensor
+        if isinstance(inner, RangeSensor):
+            chosen = inner.directions[:: -(-len(inner.directions) // most)]
+            shown = replace(inner, directions=chosen, nearest=False, curve=())
+            names, *poses = link_poses(scene, channels)
+            far = ranges(scene, channels, shown)
+            met = np.isfinite(far)
+            far = np.where(met, far, inner.reach if inner.reach < math.inf else 0.0)
+            row, (origin, along) = row_of(scene, names, inner), np.split(shown.mounted, 2, axis=1)
+            ends = np.stack([np.broadcast_to(origin, (*far.shape, 3)), origin + far[..., None] * along], axis=2)
+            rotation, position = (part[:, row, None, None] for part in poses)
+            ends = (position + applied(rotation, ends)).reshape(*far.shape, 6)
+            found.append(np.concatenate([ends, met[..., None]], axis=2))
+    return np.concatenate(found, axis=1) if found else None
 
 
 def darkness(scene: CompiledScene, channels: Mapping[str, np.ndarray], sensor: LineSensor) -> np.ndarray:

@@ -16,14 +16,26 @@ from typing import Any
 import numpy as np
 
 from ..base.arguments import real, whole
-from ..dynamics import center_of_mass, contact_positions, forward_kinematics
+from ..dynamics import Poses, center_of_mass, contact_positions, forward_kinematics
 from ..model import Ground
 from ..robot_file.report import RobotFileWarning
 from ..run.sensors import in_world
 from ..run.trajectory import positions
 from ..scene.contact import ground_under, plane_axes
 from .live_plots import Chart, Plotted
-from .recorded import TOUCH, Seen, channels_of, corners_of, known_channels, margin_of, quaternions, relief, sampled
+from .recorded import (
+    TOUCH,
+    FramePoses,
+    Seen,
+    channels_of,
+    corners_of,
+    known_channels,
+    margin_of,
+    pushes_of,
+    quaternions,
+    relief,
+    sampled,
+)
 from .visuals import Piece, pieces, round_up
 
 INSTALL = "a live page needs viser: pip install featherstone-gait[viser]"
@@ -36,6 +48,7 @@ VIEWS = {"corner": (-1.1, 0.3), "side": (-0.5 * math.pi, 0.05), "front": (0.0, 0
 FIELD_OF_VIEW = 0.7  # upright [rad]
 LIGHTEST = 1e-9  # least mass by whose weight arrows of forces are scaled [kg]
 FORCE, MASS, FAILURE = (213, 94, 0), (204, 121, 167), (150, 150, 150)
+RAY, WATER = (194, 65, 12), (40, 120, 190)
 FLOOR, SQUARE, RISE = (238, 236, 229), (214, 211, 200), (186, 178, 160)
 BAD = "#a3160f"
 MOST_NOTES = 5  # in a warning about what could not be read
@@ -204,7 +217,8 @@ class Live:
         view.on_click(lambda event: stage.look(event.client.camera, event.target.value) if event.client else None)
         switches = [("follow", not stage.together and any(actor.moves for actor in self._actors))]
         forces = any(actor.force is not None or actor.pushed for actor in self._actors)
-        switches += [("forces", forces), ("center of mass", True)]
+        traced = any(actor.traced is not None for actor in stage.actors)
+        switches += [("forces", forces), ("center of mass", True), ("rays", traced)]
         switches += [("ghosts", not stage.together and len(self._actors) > 1)]
         for name, needed in switches:
             if needed:
@@ -260,13 +274,14 @@ class _Actor:
         self.moves = seen.model.base == "floating"
         touches = "contact_force" in run and seen.ground is not None and len(seen.model.contacts) > 0
         self.force = np.nan_to_num(run["contact_force"], posinf=0.0, neginf=0.0) if touches else None
-        self.pushed = {"pair", "pair_position", "pair_force"} <= run.channels.keys()  # by other bodies
+        self.pushed = pushes_of(seen.model, run, frames) is not None  # by other bodies or propellers
+        self.level, self.traced = seen.level, seen.rays  # of a fluid, and rays of sensors
         self.rows = {link.name: k for k, link in enumerate(seen.model.links)}
         self.size = float(np.ptp(self.box[0], axis=0).max())  # [m]
         over = self.box[..., 2].max() if not self.moves else self.box[0, :, 2].max()
         root = frames.position[0, self.rows[seen.model.root]]
         self.over = np.array([0.0, 0.0, float(over - root[2]) + 0.08 * self.size])  # of the label
-        self.drawn: tuple[int, bool, bool] | None = None
+        self.drawn: tuple[int, bool, bool, bool] | None = None
 
     def status_html(self) -> str:
         """Write how the run ended as HTML."""
@@ -299,12 +314,24 @@ class _Actor:
         self.arrows = scene.add_arrows(
             f"{name}/forces", np.zeros((1, 2, 3)), FORCE, shaft_radius=r, head_radius=2.0 * r, head_length=4.0 * r
         )
+        if self.traced is not None:
+            ends = self.traced[0, :, :6].reshape(-1, 2, 3).astype(np.float32)
+            self.rays = scene.add_line_segments(f"{name}/rays", ends, RAY, thickness=0.3 * r)
+        if self.level is not None:
+            low, high = self.box.min(axis=(0, 1)), self.box.max(axis=(0, 1))
+            far = 1.5 * float((high - low).max())
+            (x0, y0), (x1, y1) = (low - far)[:2], (high + far)[:2]
+            edge = np.array([(x, y, self.level) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))])
+            scene.add_mesh_simple(
+                f"{name}/water", edge, np.array([[0, 1, 2], [0, 2, 3]]), color=WATER, opacity=0.35, side="double",
+                cast_shadow=False,
+            )
 
     def draw(self, t: float, shown: Mapping[str, bool]) -> None:
         """Draw the run at a time [s]."""
         row, run = self.row(t), self.run
         over = run.failed and t >= min(run.end_time, self.samples[self.last]) - 1e-9
-        state = (row, over, shown["forces"])
+        state = (row, over, shown["forces"], shown["rays"])
         if state == self.drawn:
             return
         before, self.drawn = self.drawn, state
@@ -318,7 +345,10 @@ class _Actor:
         self.mass.position = mass = center_of_mass(self.model, q)
         if self.ground is not None:
             self.under.position = mass - [0.0, 0.0, float(ground_under(self.ground, mass[None])[0, 6])]
-        self._draw_forces(q, row, shown["forces"])
+        self._draw_forces(q, row, poses, shown["forces"])
+        if self.traced is not None:
+            self.rays.visible = shown["rays"]
+            self.rays.points = self.traced[row, :, :6].reshape(-1, 2, 3).astype(np.float32)
         if before is None or before[1] != over:
             when = f": {run.status} at {run.end_time:.4g} s"
             doubtful = f": {run.status}" * (not (run.failed or run.ok))
@@ -326,15 +356,15 @@ class _Actor:
             for mesh, piece in zip(self.meshes, self.found):
                 mesh.color = FAILURE if over else piece.color
 
-    def _draw_forces(self, q: np.ndarray, row: int, wanted: bool) -> None:
+    def _draw_forces(self, q: np.ndarray, row: int, poses: Poses, wanted: bool) -> None:
         points, pushes = np.zeros((0, 3)), np.zeros((0, 3))
         if self.force is not None and self.ground is not None:
             points = contact_positions(self.model, q)
             pushes = in_world(self.ground, self.force[row], points if self.ground.field is not None else None)
-        if self.pushed:
-            on = self.run["pair"][row] > 0
-            points = np.concatenate([points, self.run["pair_position"][row, on]])
-            pushes = np.concatenate([pushes, np.nan_to_num(self.run["pair_force"][row, on], posinf=0.0, neginf=0.0)])
+        at = FramePoses(np.array([row]), row, poses.rotation[None], poses.position[None])
+        if self.pushed and (others := pushes_of(self.model, self.run, at)) is not None:
+            place, force, on = (part[0] for part in others)
+            points, pushes = np.concatenate([points, place[on]]), np.concatenate([pushes, force[on]])
         weight = 9.81 * max(self.model.mass, LIGHTEST)
         felt = np.sqrt((pushes * pushes).sum(axis=1)) > TOUCH * weight
         self.arrows.visible = bool(wanted and felt.any())
@@ -355,7 +385,7 @@ class _Stage:
     def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool, together: bool) -> None:
         self.actors, self.together = actors, together
         self.shown = {"follow": not together, "forces": True, "center of mass": True}
-        self.shown["ghosts"] = ghosts and len(actors) > 1
+        self.shown |= {"ghosts": ghosts and len(actors) > 1, "rays": True}
         scene, grounds = server.scene, [actor.ground for actor in actors]
         self.world = scene.add_frame("/world", show_axes=False)
         for k, actor in enumerate(actors):

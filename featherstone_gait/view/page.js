@@ -12,7 +12,7 @@ const still = media("(prefers-reduced-motion: reduce)").matches;
 const start = Math.min(...data.runs.map(run => run.times[0]));
 const end = Math.max(...data.runs.map(run => Math.max(run.end, run.times.at(-1))));
 const view = { yaw: -1.1, pitch: 0.3, span: data.span, pan: [0, 0, 0] };
-const shown = { follow: true, forces: true, prints: true, load: false, ghosts: data.ghosts && data.runs.length > 1 };
+const shown = { follow: true, forces: true, prints: true, rays: true, load: false, ghosts: data.ghosts && data.runs.length > 1 };
 const state = { time: start, playing: !still && end > start, dirty: true };
 const frames = [];          // how long each of the last frames took to draw [ms]
 let colors = {};
@@ -20,7 +20,7 @@ let colors = {};
 function readColors() {
   const style = getComputedStyle(document.documentElement);
   for (const name of ["page", "text", "soft", "line", "sky", "ground", "square", "shadow", "edge", "force", "pressure",
-    "support", "grid", "bad", "badpage", "left", "right", "mid"]) colors[name] = style.getPropertyValue("--" + name).trim();
+    "support", "grid", "water", "paint", "ray", "bad", "badpage", "left", "right", "mid"]) colors[name] = style.getPropertyValue("--" + name).trim();
   colors.clear = colors.ground + "00";  // #rrggbb, transparent
   colors.lines = style.getPropertyValue("--lines").trim().split(/\s+/);
 }
@@ -211,7 +211,25 @@ function loadColor(percent) {  // pale to dark, through yellow and red: its ligh
   return stops[k].map((a, i) => Math.round((a + f * (stops[k + 1][i] - a)) / 8) * 8);
 }
 
-function robot(g, cam, model, at, { tint, pale, ratio }) {
+function water(g, cam, level) {  // an even surface, up to where the picture ends
+  const [cx, cy] = cam.center, far = 300 * view.span;
+  g.beginPath();
+  trace(g, cam.clipped([[cx - far, cy - far, level], [cx + far, cy - far, level], [cx + far, cy + far, level], [cx - far, cy + far, level]]));
+  g.fillStyle = colors.water;
+  g.fill();
+}
+
+function cut(face, heights, s, above) {  // the part of a face on one side of a level, in the picture
+  const out = [];
+  face.forEach((i, k) => {
+    const j = face[(k + 1) % face.length], a = above * heights[i], b = above * heights[j];
+    if (a >= 0) out.push([s[3 * i], s[3 * i + 1]]);
+    if ((a < 0) !== (b < 0)) out.push([0, 1].map(x => s[3 * i + x] + a / (a - b) * (s[3 * j + x] - s[3 * i + x])));
+  });
+  return out;
+}
+
+function robot(g, cam, model, at, { tint, pale, ratio }, level = 0, above = 0) {  // above: 1 or -1, of what is over or below a level alone
   const faces = [], L = [0.29, -0.42, 0.86];
   model.bodies.forEach((body, b) => {
     const p = at[b], x = body.points, s = body.screen, n = body.normals;
@@ -226,6 +244,7 @@ function robot(g, cam, model, at, { tint, pale, ratio }) {
       s[i + 1] = cam.h / 2 - scale * (u[0] * dx + u[1] * dy + u[2] * dz);
       s[i + 2] = depth;
     }
+    const heights = above ? Array.from({ length: x.length / 3 }, (_, k) => p[2] + p[9] * x[3 * k] + p[10] * x[3 * k + 1] + p[11] * x[3 * k + 2] - level) : null;
     const color = tint && tint(b);
     for (let k = 0; k < body.faces.length; k++) {
       const face = body.faces[k], a = 3 * face[0], m = 3 * k;
@@ -235,16 +254,21 @@ function robot(g, cam, model, at, { tint, pale, ratio }) {
       for (const i of face) { depth += s[3 * i + 2]; least = Math.min(least, s[3 * i + 2]); }
       if (least < cam.near) continue;
       const bright = (behind ? -1 : 1) * (n[m] * l[0] + n[m + 1] * l[1] + n[m + 2] * l[2]);
-      faces.push({ body, face, depth: depth / face.length, style: fill(color || (pale ? body.pale[k] : body.color[k]), Math.round(15.5 + 15.5 * bright)) });
+      const part = heights && cut(face, heights, s, above);
+      if (part && part.length < 3) continue;
+      faces.push({ body, face, part, depth: depth / face.length, style: fill(color || (pale ? body.pale[k] : body.color[k]), Math.round(15.5 + 15.5 * bright)) });
     }
   });
   faces.sort((a, b) => b.depth - a.depth);
   g.lineJoin = "round";
-  for (const { body, face, style } of faces) {
+  for (const { body, face, part, style } of faces) {
     const s = body.screen;
     g.beginPath();
-    g.moveTo(s[3 * face[0]], s[3 * face[0] + 1]);
-    for (let k = 1; k < face.length; k++) g.lineTo(s[3 * face[k]], s[3 * face[k] + 1]);
+    if (part) part.forEach((p, k) => k ? g.lineTo(p[0], p[1]) : g.moveTo(p[0], p[1]));
+    else {
+      g.moveTo(s[3 * face[0]], s[3 * face[0] + 1]);
+      for (let k = 1; k < face.length; k++) g.lineTo(s[3 * face[k]], s[3 * face[k] + 1]);
+    }
     g.closePath();
     g.fillStyle = style;
     g.fill();
@@ -298,6 +322,33 @@ function contacts(run, t) {  // [{at, force [weights], touches}]
     out.push({ at: x.slice(3 * i, 3 * i + 3), force, touches: F ? Math.hypot(...force) > 5e-3 : Boolean(run.touch[k][i]) });
   }
   return out;
+}
+
+function lines(g, cam, run) {  // that are painted on the ground
+  g.beginPath();
+  for (const p of run.lines) trace(g, cam.clipped([0, 3, 6, 9].map(i => p.slice(i, i + 3))));
+  g.fillStyle = colors.paint;
+  g.fill("nonzero");
+}
+
+function rays(g, cam, run, t, ratio) {  // of range sensors, with a dot where they end
+  const [k, m, f] = place(run, t), meets = run.rays[f < 0.5 ? k : m], x = mixed(run.rays[k], run.rays[m], f, data.unit);
+  g.strokeStyle = g.fillStyle = colors.ray;
+  g.lineWidth = 1.2 * ratio;
+  for (let i = 0; i < x.length; i += 7) {
+    const a = cam.see(x.slice(i, i + 3)), b = cam.see(x.slice(i + 3, i + 6));
+    if (a[2] < cam.near || b[2] < cam.near) continue;
+    g.globalAlpha = meets[i + 6] ? 0.6 : 0.25;
+    g.beginPath();
+    g.moveTo(a[0], a[1]);
+    g.lineTo(b[0], b[1]);
+    g.stroke();
+    g.globalAlpha = 1;
+    if (!meets[i + 6]) continue;
+    g.beginPath();
+    g.arc(b[0], b[1], 2.2 * ratio, 0, 2 * Math.PI);
+    g.fill();
+  }
 }
 
 function prints(g, cam, run, t, ratio) {
@@ -430,6 +481,7 @@ function drawPanel({ runs, canvas, now }) {
   g.fillStyle = colors.sky;
   g.fillRect(0, 0, w, h);
   ground(g, cam, main.floor);
+  lines(g, cam, main);
   runs.forEach((run, k) => {
     if (shown.prints) prints(g, cam, run, Math.min(t, run.end), ratio);
     shadow(g, cam, models[run.model].bodies, at[k], run.floor);
@@ -437,17 +489,23 @@ function drawPanel({ runs, canvas, now }) {
   const order = runs.map((_, k) => k).reverse();
   const depth = k => cam.see(at[k][runs[k].root])[2];
   if (data.together) order.sort((a, b) => depth(b) - depth(a));  // far ones first
+  const how = run => ({ tint: shown.load && run.load ? loads(run, models[run.model], t) : null, pale: ended(run, t), ratio });
+  const side = main.level === null ? 0 : cam.eye[2] >= main.level ? 1 : -1;  // of the surface of a fluid, where the eye is
+  if (side) {
+    for (const k of order) if (!k || data.together) robot(g, cam, models[runs[k].model], at[k], how(runs[k]), main.level, -side);
+    water(g, cam, main.level);
+  }
   for (const k of order) {
     const run = runs[k], model = models[run.model];
     const touching = contacts(run, Math.min(t, run.end)).filter(c => c.touches);
     if (shown.prints) support(g, cam, touching);
-    const how = { tint: shown.load && run.load ? loads(run, model, t) : null, pale: ended(run, t), ratio };
-    if (k && !data.together) ghost(g, cam, model, at[k], how);
-    else robot(g, cam, model, at[k], how);
+    if (k && !data.together) ghost(g, cam, model, at[k], how(run));
+    else robot(g, cam, model, at[k], how(run), main.level, side);
     if (shown.forces) {
       arrows(g, cam, touching, ratio, true);
       arrows(g, cam, pushes(run, Math.min(t, run.end)), ratio, false);
     }
+    if (shown.rays && run.rays) rays(g, cam, run, Math.min(t, run.end), ratio);
   }
   const failed = runs.filter(run => ended(run, t));
   if (failed.length) stamp(g, failed.map(run => (runs.length > 1 ? run.caption + ": " : "") + statusText(run)).join("; "), w, ratio);
@@ -790,7 +848,7 @@ function steer(canvas) {
 }
 
 const TOGGLES = [["follow", "C", "follow", !data.together && data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces || r.pairs)],
-  ["prints", "P", "footprints", data.runs.some(r => r.points)], ["load", "L", "servo load", data.runs.some(r => r.load)],
+  ["prints", "P", "footprints", data.runs.some(r => r.points)], ["rays", "R", "rays", data.runs.some(r => r.rays)], ["load", "L", "servo load", data.runs.some(r => r.load)],
   ["ghosts", "G", "ghosts", data.runs.length > 1 && !data.together]].filter(toggle => toggle[3]);
 const buttons = {};
 function toggle(name) {
@@ -819,7 +877,7 @@ if (data.runs.length) document.addEventListener("keydown", event => {
     ",": () => frameStep(-1), ".": () => frameStep(1), Home: () => go(start), End: () => go(end), "[": () => rate(-1), "]": () => rate(1),
     1: () => preset("corner"), 2: () => preset("side"), 3: () => preset("front"), 4: () => preset("top"),
     "+": () => zoom(0.85), "=": () => zoom(0.85), "-": () => zoom(1 / 0.85), c: () => toggle("follow"), f: () => toggle("forces"),
-    p: () => toggle("prints"), l: () => toggle("load"), g: () => toggle("ghosts"), "?": help,
+    p: () => toggle("prints"), r: () => toggle("rays"), l: () => toggle("load"), g: () => toggle("ghosts"), "?": help,
   };
   const turned = turns[key.length > 1 ? key : key.toLowerCase()];
   const act = turned && (sky || key.length === 1) ? () => turn(...turned) : does[key.length > 1 ? key : key.toLowerCase()];

@@ -15,6 +15,7 @@ from ..core.step.state import BY_NAME
 from ..dynamics import deepest_points, forward_kinematics
 from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..run.contacts import PairTable, by_pair
+from ..run.range_sensor import strips
 from ..run.sensors import in_world
 from ..run.trajectory import Trajectory, positions
 from ..scene.channels import column_of, joint_labels, unit_of
@@ -49,11 +50,17 @@ class Seen:
         The run.
     ground : Ground or None
         The ground of the run; None if there was none or it is not known.
+    level : float or None
+        Height of the surface of a fluid [m].
+    rays : ndarray or None
+        Where rays of sensors begin and end at each sample [m], and 1 if they meet something (samples, rays, 7).
     """
 
     model: Model
     trajectory: Trajectory
     ground: Ground | None = None
+    level: float | None = None
+    rays: np.ndarray | None = None
 
 
 def page_data(
@@ -203,6 +210,9 @@ def _run(
         "load": _load(model, run, poses.rows),
         "channels": channels_of(model, run, poses.last, PLOTTED // several),
         **_touching(seen, poses, unit),
+        "rays": None if seen.rays is None else _flat(seen.rays[poses.rows] / [*(6 * [unit]), 1.0]),
+        "level": None if seen.level is None else float(f"{seen.level:.5g}"),
+        "lines": [] if seen.ground is None else _lines(seen.ground),
         "floor": {"real": seen.ground is not None, "height": float(f"{floor:.5g}"), **relief(seen.ground, corners)},
     }
 
@@ -273,16 +283,57 @@ def _touching(seen: Seen, poses: FramePoses, unit: float) -> dict[str, Any]:
 
 
 def _pushing(model: Model, run: Trajectory, poses: FramePoses, unit: float) -> list[list[int]] | None:
-    """Collect where other bodies push a robot at each frame, and with which force; None if that is not known.
+    """Collect where bodies and propellers push a robot at each frame, and with which force; None if that is not known.
 
     Six numbers each: the place, and the force by 1/1000 of the weight.
     """
-    if not {"pair", "pair_force", "pair_position"} <= run.channels.keys():
+    found = pushes_of(model, run, poses)
+    if found is None:
         return None
-    force = _sound(run["pair_force"][poses.rows]) / (1e-3 * 9.81 * max(model.mass, 1e-9))
-    numbers = np.round(np.concatenate([run["pair_position"][poses.rows] / unit, force], axis=2)).astype(int)
-    pushes = (run["pair"][poses.rows] > 0) & (np.abs(force).max(axis=2) > 5.0)
-    return [one[on].reshape(-1).tolist() for one, on in zip(numbers, pushes)]
+    place, force, on = found
+    force = force / (1e-3 * 9.81 * max(model.mass, 1e-9))
+    numbers = np.round(np.concatenate([place / unit, force], axis=2)).astype(int)
+    on = on & (np.abs(force).max(axis=2) > 5.0)
+    return [one[there].reshape(-1).tolist() for one, there in zip(numbers, on)]
+
+
+def pushes_of(model: Model, run: Trajectory, poses: FramePoses) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Return where bodies and propellers push a robot, the forces (frames, pushes, 3) [m, N], and which there are.
+
+    None if the run does not say.
+    """
+    places, forces, on = [], [], []
+    if {"pair", "pair_force", "pair_position"} <= run.channels.keys():
+        places.append(run["pair_position"][poses.rows])
+        forces.append(run["pair_force"][poses.rows])
+        on.append(run["pair"][poses.rows] > 0)
+    if model.propellers and "qd" in run:
+        places.append(poses.position[:, [model.link_index(model.joint(one.joint).child) for one in model.propellers]])
+        forces.append(_thrusts(model, run["qd"][poses.rows], poses))
+        on.append(np.ones(forces[-1].shape[:2], bool))
+    if not places:
+        return None
+    place, force, there = (np.concatenate(parts, axis=1) for parts in (places, forces, on))
+    return place, _sound(force), there
+
+
+def _thrusts(model: Model, qd: np.ndarray, poses: FramePoses) -> np.ndarray:
+    """Compute the thrust of each propeller (frames, propellers, 3) at joint speeds (frames, joints) [N]."""
+    found = []
+    for one in model.propellers:
+        joint, speed = model.joint(one.joint), qd[:, model.joint_rows[one.joint], None]
+        axis = poses.rotation[:, model.link_index(joint.child)] @ np.array(joint.axis)
+        found.append(one.thrust * speed * np.abs(speed) * axis)
+    return np.stack(found, axis=1)
+
+
+def _lines(ground: Ground) -> list[list[float]]:
+    """Return the corners of the lines on the ground, x y z of four each [m]."""
+    corners = strips(ground.lines).reshape(-1, 2)
+    if not len(corners):
+        return []
+    height = -ground_under(ground, np.column_stack([corners, np.zeros(len(corners))]))[:, 6]
+    return np.round(np.column_stack([corners, height]), 4).reshape(-1, 12).tolist()
 
 
 def _flat(values: np.ndarray) -> list[list[int]]:

@@ -20,6 +20,7 @@ from ..model.placed import Placed
 from ..model.rest_posture import nearest_posture
 from ..robot_file import load_robot, robot_names
 from ..run.contacts import seen_from
+from ..run.range_sensor import rays_of
 from ..run.start import check_one
 from ..run.status import Status
 from ..run.trajectory import Trajectory
@@ -143,6 +144,8 @@ def _seen(
         if key not in found:
             found[key] = robot_of(run, robot)
         seen[caption] = Seen(found[key][0], run, found[key][1])
+        if isinstance(robot, CompiledScene):
+            seen[caption] = replace(seen[caption], level=_level(robot), rays=rays_of(robot, run))
     title = runs[0].info.get("start") if len(runs) == 1 else None
     usual = [name for name in ("contact_force", "torque", "q") if name in runs[0] and runs[0][name].size]
     channels = texts("plots", plots, "give a list of channels") or usual[: int(len(runs[0]["time"]) > 1)]
@@ -159,19 +162,27 @@ def _company(runs: Sequence[Trajectory], scene: Any, plots: Sequence[str]) -> tu
 
 
 def company_of(run: Trajectory, scene: CompiledScene) -> dict[str, Seen]:
-    """Return the run of each member by its name, and the obstacles."""
+    """Return the run of each member by its name, and the obstacles; the first has the rays of all sensors."""
     seen = {}
+    rays: np.ndarray | None = rays_of(scene, run)
     for member in scene.members:
         fixed = member.model.base == "fixed"
         own = run.of(member.name)
         channels, pairs = seen_from(run, member.name)
         own = replace(own, channels=own.channels | channels, info=own.info | {"pairs": pairs})
-        seen[member.name] = Seen(at_its_place(member.placed) if fixed else member.model, own, scene.ground)
+        model = at_its_place(member.placed) if fixed else member.model
+        seen[member.name] = Seen(model, own, scene.ground, _level(scene), rays)
+        rays = None
     times = {"time": run["time"], "q": np.zeros((len(run["time"]), 0))}
     for placed in scene.obstacles:
         still = Trajectory(times, Status.OK, "", float(run["time"][-1]), np.zeros(0), {"robot": placed.name})
         seen[placed.name] = Seen(at_its_place(placed), still, scene.ground)
     return seen
+
+
+def _level(scene: CompiledScene) -> float | None:
+    """Return the height of the surface of a scene's fluid [m]."""
+    return None if scene.options.fluid is None else scene.options.fluid.level
 
 
 def at_its_place(placed: Placed) -> Model:

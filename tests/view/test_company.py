@@ -4,15 +4,27 @@ import numpy as np
 import pytest
 
 from featherstone_gait.geometry.body import body
-from featherstone_gait.model import Ground
+from featherstone_gait.model import (
+    ContactPoint,
+    FloorLine,
+    Fluid,
+    Ground,
+    Immersed,
+    Joint,
+    Link,
+    Model,
+    Propeller,
+)
 from featherstone_gait.model.placed import Placed, SceneModel
-from featherstone_gait.model.shapes import Box, Sphere
+from featherstone_gait.model.sensor import RangeSensor
+from featherstone_gait.model.shapes import Box, Shape, Sphere
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.simulate import simulate
+from featherstone_gait.run.trajectory import Trajectory
 from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.view.movie import Picture, _actors, save_movie
 from featherstone_gait.view.recorded import page_data
-from featherstone_gait.view.shown import _company, show, show_live
+from featherstone_gait.view.shown import _company, _seen, show, show_live
 
 TURNED = (0.0, 0.0, 0.0, 1.0)
 
@@ -115,3 +127,33 @@ def test_a_movie_draws_all_members_and_obstacles(pile, tmp_path):
     assert picture.low == pytest.approx([-0.15, -0.15, 0.0], abs=2e-3)
     assert picture.high == pytest.approx([2.1, 0.15, 0.8], abs=3e-3)
     assert save_movie(run, tmp_path / "frames", compiled, fps=10.0, size=(160, 120)) == 4
+
+
+def test_a_page_has_the_surface_of_a_fluid_thrusts_rays_and_lines():
+    """A boat at its level, whose propeller lifts it by its weight, with a scanner over a line on the ground."""
+    joint = Joint("screw", "continuous", "hull", "prop", xyz=(0.0, 0.0, 0.2), axis=(0.0, 0.0, 1.0))
+    inertia = (0.1, 0.0, 0.0, 0.1, 0.0, 0.1)
+    scanner = RangeSensor("hull", [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]], reach=0.8, name="depth")
+    boat = Model(
+        "boat", (Link("hull", 1.5, (0.0, 0.0, 0.0), inertia), Link("prop", 0.5, (0.0, 0.0, 0.0), inertia)), (joint,),
+        "floating", shapes=(Shape("hull", Sphere(0.1)), Shape("prop", Box((0.1, 0.1, 0.1)))),
+        contacts=(ContactPoint("hull", (0.0, 0.0, 0.0)),), immersed=(Immersed("hull", Sphere(0.1)),),
+        propellers=(Propeller("screw", 2.0 * 9.81 / 900.0),), sensors=(scanner,),
+    )  # fmt: skip
+    ground = Ground(height=-0.5, lines=(FloorLine(((0.0, 0.0), (1.0, 0.0)), 0.1),))
+    scene = compile_scene(boat, ground=ground, fluid=Fluid(level=0.25), integrator="rk4", timestep=1e-3)
+    base, speed = np.tile([0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0], (3, 1)), np.array([[30.0], [0.0], [-30.0]])
+    channels = {"time": 0.1 * np.arange(3), "q": np.zeros((3, 1)), "base_q": base, "qd": speed}
+    info = {"robot": "boat", "joints": ["screw"], "joint_types": ["continuous"]}
+    seen, _, _ = _seen([Trajectory(channels, "ok", "", 0.2, np.zeros(0), info)], scene, (), ())
+    data = page_data(seen)
+    (run,), unit = data["runs"], data["unit"]
+    assert run["level"] == 0.25
+    np.testing.assert_allclose(np.array(run["pairs"][0])[:3] * unit, [0.0, 0.0, 0.3], atol=unit)
+    assert [push[3:] for push in run["pairs"]] == [[0, 0, 1000], [], [0, 0, -1000]]
+    down, ahead = np.array(run["rays"][1]).reshape(2, 7)
+    np.testing.assert_allclose(down[:6] * unit, [0.0, 0.0, 0.1, 0.0, 0.0, -0.5], atol=unit)
+    np.testing.assert_allclose(ahead[:6] * unit, [0.0, 0.0, 0.1, 0.8, 0.0, 0.1], atol=unit)
+    assert (down[6], ahead[6]) == (1, 0)
+    corners = np.reshape(run["lines"], (1, 4, 3))
+    assert {*map(tuple, corners[0].tolist())} == {(x, y, -0.5) for x in (0.0, 1.0) for y in (-0.05, 0.05)}
