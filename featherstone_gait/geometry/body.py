@@ -51,6 +51,7 @@ def body(
         Coefficient of friction with the ground [-]; None: that of the `Ground`.
     torsional_friction, rolling_friction : float, optional
         Coefficients of the moments between bodies that resist spinning and rolling [m]; None: those of `PairContact`.
+        On the ground the rolling one counts alone, and None is 0.
     surface : Surface, optional
         How its surface moves, as that of a belt or turntable; None: it rests.
 

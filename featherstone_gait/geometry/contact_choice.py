@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -178,8 +178,11 @@ def _placed(
 ) -> list[ContactPoint]:
     """Make contact points at points (n, 3) of a shape's frame."""
     at = np.array(shape.xyz) + applied(rotation_from_rpy(shape.rpy), points)
+    own: dict[str, Any] = {"friction": shape.friction, "surface": shape.surface}
+    if radius > 0 or circle_radius > 0:
+        own["rolling_friction"] = shape.rolling_friction or 0.0
     return [
-        ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis, friction=shape.friction, surface=shape.surface)
+        ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis, **own)
         for x, y, z in at.tolist()
     ]
 

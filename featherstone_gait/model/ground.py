@@ -61,6 +61,8 @@ class ContactPoint:
         between both the largest force is an ellipse.
     surface : Surface or None
         How the surface of the link moves there, as that of a track; None: it rests.
+    rolling_friction : float
+        Of a sphere or circle: coefficient of the moment that resists rolling, by the normal force [m].
     """
 
     link: str
@@ -73,6 +75,7 @@ class ContactPoint:
     roller_angle: float | None = None
     roller_friction: float = quantity(">= 0", "-", 0.0, "0 is rollers that turn freely")
     surface: Surface | None = None
+    rolling_friction: float = quantity(">= 0", "m", 0.0, "give the largest moment by the normal force, 0 for none")
 
     __repr__ = brief
 
@@ -92,6 +95,9 @@ class ContactPoint:
         elif self.roller_friction:
             given = f"roller_friction is {self.roller_friction!r}, and roller_angle None"
             raise ValueError(f"{what}: {given}: there are no rollers; give their angle, or leave it out")
+        if self.rolling_friction > 0 and not (self.radius > 0 or self.circle_radius > 0):
+            given = f"rolling_friction is {self.rolling_friction!r} m"
+            raise ValueError(f"{what}: {given}, and a point does not roll; give its radius or circle_radius, or 0")
         round_ = self.circle_radius > 0 or self.roller_angle is not None
         if round_ and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
             raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")

@@ -165,7 +165,8 @@ class Shape:
     friction : float or None
         Coefficient of friction with the ground [-]; None: that of the `Ground`.
     torsional_friction, rolling_friction : float or None
-        Coefficients of the moments between bodies, as in `PairContact` [m]; None: those of the `PairContact`.
+        Coefficients of the moments between bodies, as in `PairContact` [m]; None: those of the `PairContact`.  Contact
+        points that come from a sphere, capsule or cylinder take the rolling one to the ground.
     surface : Surface or None
         How its surface moves on the link; None: it rests.
     """

@@ -274,6 +274,7 @@ class CompiledRun:
             bases=scene.tree.bases,
             balls=0 if scene.tree.balls is None else len(scene.tree.balls),
             points=0 if constants.contact is None else len(constants.contact.points),
+            rolling=int(np.ptp(scene.part("rolling_deflection"))) // 2,
             workspace=scene.tree.workspace_shape(),
             offsets=scene.layout,
             motors=scene.tree.n if scene.sampled else 0,

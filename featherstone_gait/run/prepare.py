@@ -176,7 +176,8 @@ def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, sl
             if stored in slices:
                 continue
             places = np.arange(*scene.part(stored))
-            if state.BY_NAME[stored].of == "point" and len(places):  # the scene keeps the points of a body together
+            of_points = state.BY_NAME[stored].of in ("point", "rolling")
+            if of_points and len(places):  # the scene keeps the points of a body together
                 order = np.argsort(by_body(scene.model, scene.tree))
                 places = places.reshape(len(order), -1)[order].ravel()
             slices[stored] = slice(len(indices), len(indices) + len(places))

@@ -93,7 +93,7 @@ def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
     if channel.of == "delay":  # all servos of a slot stand together
         slots = np.arange(size // share["of_joints"])
         return (slots[:, None] * share["of_joints"] + np.arange(first, end)).ravel()
-    if channel.of == "point":
+    if channel.of in ("point", "rolling"):
         first, end = share["points"]
     elif channel.of == "tendon":
         first, end = share["tendons"]

@@ -729,5 +729,6 @@ def _places(tree: Tree, constants: Scene) -> np.recarray:
             "loop": 0 if constants.loops is None else len(constants.loops.table),
             "row": 0 if constants.loops is None else int(constants.loops.rows[0]),
             "surface": 0 if constants.surfaces is None else len(constants.surfaces),
+            "rolling": 0 if contact is None or contact.rolling is None else len(contact.points),
         }
     )

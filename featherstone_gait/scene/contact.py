@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..base.fixed_order import applied
 from ..base.portable_math import sincos
 from ..base.rotation import dot, rotation_from_quaternion
-from ..core.effects.contact import MOTION, POINT, ROLLER, Contact
+from ..core.effects.contact import MOTION, POINT, ROLLER, ROLLING, Contact
 from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
 from ..dynamics import deepest_points
@@ -42,9 +42,10 @@ def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.n
             "stiffness follows from the robot's weight; give a gravity that points into the ground, or ground=None"
         )
     under = _plane(ground) if ground.field is None else _field(ground.field, ground.height)
+    points = _points(model, tree, ground, g)
     return Contact(
-        _points(model, tree, ground, g), under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground),
-        _surfaces(model, tree),
+        points, under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground), _surfaces(model, tree),
+        _rolling(model, tree, points),
     )  # fmt: skip
 
 
@@ -81,6 +82,19 @@ def _surfaces(model: Model, tree: Tree) -> np.recarray | None:
     contacts = [model.contacts[k] for k in by_body(model, tree)]
     places = [tree.placements[point.link] for point in contacts]
     return build_surfaces([(point, place.E, place.r, numbers) for point, place in zip(contacts, places)])
+
+
+def _rolling(model: Model, tree: Tree, points: np.recarray) -> np.recarray | None:
+    """Build what resists rolling, None where nothing does; springs and dampers are those of friction at the radius."""
+    contacts = [model.contacts[k] for k in by_body(model, tree)]
+    if not any(point.rolling_friction for point in contacts):
+        return None
+    table, radii = records(len(contacts), ROLLING), np.array([one.radius + one.circle_radius for one in contacts])
+    lever = np.where(radii > 0.0, radii, 1.0)  # of points, which have none, the moment is 0
+    table.friction = [point.rolling_friction for point in contacts]
+    table.tangential_stiffness = points.tangential_stiffness * lever * lever
+    table.tangential_damping = points.tangential_damping * lever * lever
+    return table
 
 
 def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 
 from ..base.rotation import rotation_from_quaternion, rpy_from_rotation
-from ..core.effects.contact import ROLLER, Contact
+from ..core.effects.contact import ROLLER, ROLLING, Contact
 from ..core.effects.drag import DRAG
 from ..core.effects.firmware import BAND, PWM, Firmware
 from ..core.effects.friction import FRICTION
@@ -369,11 +369,13 @@ def _contact(contacts: Sequence[Contact | None], moved: Sequence[Shift]) -> Cont
         table.body += at.body
         tables.append(table)
     rollers = _stacked([one.rollers for one, _ in given], [len(one.points) for one, _ in given], ROLLER)
-    surfaces = _surfaces(given)
+    neutral = {"friction": 0.0, "tangential_stiffness": 1.0, "tangential_damping": 1.0}
+    rolling = _stacked([one.rolling for one, _ in given], [len(one.points) for one, _ in given], ROLLING, **neutral)
     first = given[0][0]
     return Contact(
-        _concatenated(tables), first.ground, _geometry([one for one, _ in given]), first.motion, rollers, surfaces
-    )
+        _concatenated(tables), first.ground, _geometry([one for one, _ in given]), first.motion, rollers,
+        _surfaces(given), rolling,
+    )  # fmt: skip
 
 
 def _surfaces(given: Sequence[tuple[Contact, Shift]]) -> Any:

@@ -117,7 +117,7 @@ def test_every_channel_has_its_shape():
         "source_loss",
     )
     for name in run:
-        none = ("base", "ball", "pair", "tendon", "loop", "fluid", "immersed", "surface")
+        none = ("base", "ball", "pair", "tendon", "loop", "fluid", "immersed", "surface", "rolling")
         nothing = name.startswith(none) or name in absent
         assert run[name].size == 0 if nothing else run[name].shape == shapes[name], name
     np.testing.assert_allclose(run["time"], np.arange(11) * 2e-3, rtol=0, atol=1e-15)

@@ -19,9 +19,10 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select, sqrt
+from ..compile.optional import if_present
 from ..compile.structure import record, structure
 from ..tree.forest import base_index, base_of, joint_count, points_of
-from ..tree.layout import SF, SH, SJ, SM, TOUCH, R, U
+from ..tree.layout import SF, SH, SJ, SM, TOUCH, R, U, V
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import add, cross, dot, load3, load9, rotate, scale, store3, sub, vector
 from .ground import AXES, axes_at, deepest, fixed_axes, height_over
@@ -53,6 +54,12 @@ ROLLER = record(
     free=float,  # friction across a roller's axis by that along it
 )
 
+ROLLING = record(
+    friction=float,  # limit of the moment across the normal by the normal force [m]
+    tangential_stiffness=float,  # [N m/rad]
+    tangential_damping=float,  # [N m s/rad]
+)
+
 
 @structure
 class Contact(NamedTuple):
@@ -64,6 +71,7 @@ class Contact(NamedTuple):
     motion: np.ndarray | None = None  # (1,) MOTION of a ground whose surface moves
     rollers: np.ndarray | None = None  # (points,) ROLLER
     surfaces: np.ndarray | None = None  # (points,) SURFACE of the links
+    rolling: np.ndarray | None = None  # (points,) ROLLING; the last rows of C are then those of the moments
 
 
 FLOOR = 1e-11  # of the forces that Newton's iteration compares [N m, N]
@@ -120,6 +128,7 @@ def place_points(contact, step, base_q, lookahead_time):
         store3(C, c, U0, u)
         store3(C, c, UK, u)
         C[c, DEPTH] = depth + lookahead_time * u[0]
+        _place_moment(contact.rolling, c, i, (t, second), W, C)
 
 
 @inline
@@ -380,7 +389,9 @@ def place_contacts(contact, predicted, step):
         p = contact.points[c]
         predicted_force, _ = normal_force(p, C[c, DEPTH], C[c, U0], step.h_implicit)
         last = step.y[step.offsets.contact_force + 3 * c]
-        C[c, LIMIT] = p.friction * select(last > 0.0, last, predicted_force)
+        load = select(last > 0.0, last, predicted_force)
+        C[c, LIMIT] = p.friction * load
+        _limit_moment(contact.rolling, c, load, C)
 
 
 @kernel
@@ -391,6 +402,7 @@ def linearize_contacts(contact, step):
     C, (first, end) = step.C, points_of(step.part, contact.points)
     for c in range(first, end):
         linearize_point(contact.rollers, contact.points[c], _bristle(contact, step, c), c, step.h_implicit, C)
+        _linearize_moment(contact.rolling, c, step)
 
 
 @kernel
@@ -409,6 +421,7 @@ def fold_contacts(contact, step, h):
         on = (C[c, FK] > 0.0) | (C[c, CN] > 0.0) | (C[c, LIMIT] > 0.0)
         if any_lane(on):
             fold_point(c, k, on, axes_at(plane, c, C), h, W, C)
+            _fold_rolling(contact.rolling, c, k, axes_at(plane, c, C), h, W, C)
 
 
 @inline
@@ -479,6 +492,7 @@ def solved_contacts(contact, step):
         i = contact.points[c].body
         a = add(load3(W, i, U + 3), cross(load3(W, i, U), load3(C, c, XP)))
         solve_point(axes_at(plane, c, C), a, c, h, C)
+        _solve_moment(contact.rolling, c, axes_at(plane, c, C), load3(W, i, U), h, C)
 
 
 @inline
@@ -489,6 +503,7 @@ def compare_contacts(contact, step, wrong, slope):
         for c in range(first, end):
             p, z = contact.points[c], _bristle(contact, step, c)
             wrong, slope = compare_point(contact.rollers, p, z, c, step, step.C, wrong, slope)
+            wrong, slope = _compare_moment(contact.rolling, c, step, wrong, slope)
     return wrong, slope
 
 
@@ -500,6 +515,7 @@ def contact_slope(contact, step, fraction, slope):
         for c in range(first, end):
             p, z = contact.points[c], _bristle(contact, step, c)
             slope = slope + point_slope(contact.rollers, p, z, c, fraction, step.h_implicit, step.C)
+            slope = _plus_moment_slope(contact.rolling, c, fraction, step, slope)
     return slope
 
 
@@ -510,6 +526,7 @@ def shift_contacts(contact, step, fraction, active):
         first, end = points_of(step.part, contact.points)
         for c in range(first, end):
             shift_point(c, fraction, active, step.C)
+            _shift_moment(contact.rolling, c, fraction, active, step.C)
 
 
 @inline
@@ -526,7 +543,14 @@ def contact_branch(contact, step, c):
     z, u = _bristle(contact, step, c), _rolled(contact.rollers, c, u, step.C)
     _, _, slips = friction_force(p, z, u, step.C[c, LIMIT], step.h_implicit)
     one = 1.0 + 0.0 * fn
-    return select(fn > 0.0, select(slips, 2.0 * one, one), 0.0 * fn)
+    return select(fn > 0.0, select(slips, 2.0 * one, one), 0.0 * fn) + _moment_branch(contact.rolling, c, step, fn)
+
+
+@inline
+def begin_contact(contact, c, C):
+    """Take the predicted velocity of the point c for that of the solution."""
+    store3(C, c, UN, load3(C, c, U0))
+    _begin_moment(contact.rolling, c, C)
 
 
 @inline
@@ -549,6 +573,138 @@ def move_contacts(contact, step):
             y[bristle + 1] = y[bristle + 1] + (m2 - y[bristle + 1]) * (1.0 / step.theta)
             for k in range(3):
                 y[offsets.contact_force + 3 * c + k] = f[k]
+            _move_moment(contact.rolling, c, step, work)
+
+
+# ---------------------------------------------------------------------------------------------- rolling
+
+
+@inline
+def _moment_row(rolling, c, C):
+    """Return the row of C in which the moment of the point c stands: the columns of a point, of angles and moments."""
+    return len(C) - len(rolling) + c
+
+
+@inline
+def _moment(rolling, c, u, h, step):
+    """Return the moment of the point c at the angular velocity u, in its axes [N m], its slope, and whether it rolls.
+
+    It is the law of friction with a bristle of its own, which holds what rests: a steady moment where it rolls.
+    """
+    at, row = step.offsets.rolling_deflection + 2 * c, _moment_row(rolling, c, step.C)
+    limit, zero = step.C[row, LIMIT], 0.0 * u[0]
+    m, slope, rolls = friction_force(rolling[c], (step.y[at], step.y[at + 1]), u, limit, h)
+    some = limit > 0.0
+    slope = (select(some, slope[0], zero), select(some, slope[1], zero), select(some, slope[2], zero))
+    return (zero, m[0], m[1]), slope, rolls
+
+
+@if_present()
+def _place_moment(rolling, c, i, tangents, W, C):
+    """Fill the angular velocity of the link."""
+    w, row = load3(W, i, V), _moment_row(rolling, c, C)
+    u = (0.0 * w[0], dot(tangents[0], w), dot(tangents[1], w))
+    store3(C, row, U0, u)
+    store3(C, row, UK, u)
+    C[row, CN] = 0.0
+
+
+@if_present()
+def _limit_moment(rolling, c, load, C):
+    C[_moment_row(rolling, c, C), LIMIT] = rolling[c].friction * load
+
+
+@if_present()
+def _linearize_moment(rolling, c, step):
+    C, row = step.C, _moment_row(rolling, c, step.C)
+    m, slope, _ = _moment(rolling, c, load3(C, row, UK), step.h_implicit, step)
+    store3(C, row, FK, m)
+    store3(C, row, C1, slope)
+
+
+@if_present()
+def _fold_rolling(rolling, c, k, frame, h, W, C):
+    row = _moment_row(rolling, c, C)
+    on = C[row, LIMIT] > 0.0
+    if any_lane(on):
+        fold_moment(row, k, on, frame, h, W, C)
+
+
+@if_present()
+def _solve_moment(rolling, c, frame, turning, h, C):
+    solve_point(frame, turning, _moment_row(rolling, c, C), h, C)
+    C[_moment_row(rolling, c, C), UN] = 0.0
+
+
+@inline
+def _compare_moment(rolling, c, step, wrong, slope):
+    if rolling is None:
+        return wrong, slope
+    row = _moment_row(rolling, c, step.C)
+    m, _, _ = _moment(rolling, c, load3(step.C, row, UN), step.h_implicit, step)
+    return compare_force(m, row, step, step.C, wrong, slope)
+
+
+@inline
+def _plus_moment_slope(rolling, c, fraction, step, slope):
+    if rolling is None:
+        return slope
+    row = _moment_row(rolling, c, step.C)
+    m, _, _ = _moment(rolling, c, velocity_at(row, fraction, step.C), step.h_implicit, step)
+    return slope + force_slope(m, row, fraction, step.C)
+
+
+@if_present()
+def _shift_moment(rolling, c, fraction, active, C):
+    shift_point(_moment_row(rolling, c, C), fraction, active, C)
+
+
+@inline
+def _moment_branch(rolling, c, step, fn):
+    """Return 4 where the point c pushes and rolls at the limit of its moment, else 0."""
+    if rolling is None:
+        return 0.0
+    row, zero = _moment_row(rolling, c, step.C), 0.0 * fn
+    _, _, rolls = _moment(rolling, c, load3(step.C, row, UN), step.h_implicit, step)
+    return select((fn > 0.0) & rolls, 4.0 + zero, zero)
+
+
+@if_present()
+def _begin_moment(rolling, c, C):
+    row = _moment_row(rolling, c, C)
+    store3(C, row, UN, load3(C, row, U0))
+
+
+@if_present()
+def _move_moment(rolling, c, step, work):
+    """Move the bristle of the moment of the point c, and its work."""
+    y, row, h, law = step.y, _moment_row(rolling, c, step.C), step.h_implicit, rolling[c]
+    u, at = load3(step.C, row, UN), step.offsets.rolling_deflection + 2 * c
+    m, _, rolls = _moment(rolling, c, u, h, step)
+    y[work] += step.h * dot(m, u)
+    kt, dt = law.tangential_stiffness, law.tangential_damping
+    for k in range(2):
+        z = y[at + k]
+        moved = select(rolls, (dt * z - h * m[1 + k]) * (1.0 / (h * kt + dt)), z + h * u[1 + k])
+        y[at + k] = z + (moved - z) * (1.0 / step.theta)
+
+
+@inline
+def _moment_rates(rolling, c, fn, step, dy, power):
+    """Fill the rates of the bristle of the moment of the point c; return the power with the moment's."""
+    if rolling is None:
+        return power
+    C, row, law, at = step.C, _moment_row(rolling, c, step.C), rolling[c], step.offsets.rolling_deflection + 2 * c
+    C[row, LIMIT] = law.friction * fn
+    u = load3(C, row, U0)
+    m, _, rolls = _moment(rolling, c, u, 0.0, step)
+    kt, dt = law.tangential_stiffness, law.tangential_damping
+    for k in range(2):
+        dy[at + k] = select(rolls, -(m[1 + k] + kt * step.y[at + k]) / dt, u[1 + k])
+    store3(C, row, FK, m)
+    for k in range(4):
+        C[row, CN + k] = 0.0
+    return power + dot(m, u)
 
 
 # ---------------------------------------------------------------------------------------------- as an equation
@@ -582,6 +738,7 @@ def _rates(contact, p, step, dy, c):
     f = _rolled_back(rollers, c, f, C)
     power = fn * u[0] + f[0] * u[1] + f[1] * u[2]
     power = power + surface_power(contact, c, (fn, f[0], f[1]), 1.0, step, dy)
+    power = _moment_rates(contact.rolling, c, fn, step, dy, power)
     dy[offsets.contact_work + base_index(step.part)] += power
     store3(C, c, FK, (fn, f[0], f[1]))
     for k in range(4):

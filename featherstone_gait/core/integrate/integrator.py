@@ -35,6 +35,7 @@ class Sizes(NamedTuple):
     bases: int  # that have coordinates
     balls: int  # ball joints
     points: int  # contact points
+    rolling: int  # contact points, if any resists rolling
     workspace: tuple[int, int]  # of the tree
     offsets: np.void  # STATE
     motors: int  # rows of the table of decays, 0 without
@@ -126,7 +127,7 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
     return Scratch(
         zeros(sizes.workspace),
         zeros((JOINT_SCRATCH, max(sizes.n, 1))),
-        zeros((max(sizes.points + 2 * sizes.immersed, 1), CONTACT_SCRATCH)),
+        zeros((max(sizes.points + 2 * sizes.immersed + sizes.rolling, 1), CONTACT_SCRATCH)),
         zeros((sizes.bodies, 6)),
         pool_of(sizes, zeros),
         closing_of(sizes.loops, sizes.pairs, sizes.bodies, sizes.n, sizes.balls, zeros),

@@ -2,7 +2,7 @@
 
 from ..compile.jit import inline, kernel
 from ..effects.actuator import actuator_branch, rotor_of
-from ..effects.contact import U0, UN, contact_branch, place_contacts
+from ..effects.contact import U0, UN, begin_contact, contact_branch, place_contacts
 from ..effects.friction import friction_branch
 from ..effects.gear_friction import GearFriction, gear_branch
 from ..effects.pair import pair_branch, place_pairs
@@ -95,8 +95,7 @@ def _begin_tree(contact, step):
     if contact is not None:
         point, end_point = points_of(step.part, contact.points)
         for c in range(point, end_point):
-            for k in range(3):
-                step.C[c, UN + k] = step.C[c, U0 + k]
+            begin_contact(contact, c, step.C)
 
 
 @inline

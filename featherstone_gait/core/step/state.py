@@ -27,6 +27,7 @@ Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "wa
 Of = Literal[
     "base", "ball", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot",
     "turning", "pairs", "tendon", "loop", "row", "fluid", "immersed", "surface",
+    "rolling",
 ]  # fmt: skip
 
 
@@ -38,7 +39,8 @@ class Channel(NamedTuple):
     of: Of  # what has it: each floating base, ball joint, joint, joint with a servo or rotor, contact point, tree, the
     # run, the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
     # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, each tendon, each
-    # loop, each of its rows, each tree in a medium, each shape in it, and each drive of surfaces
+    # loop, each of its rows, each tree in a medium, each shape in it, each drive of surfaces, and
+    # each contact point, if any resists rolling
     width: int  # numbers each
     unit: str
     what: str
@@ -61,6 +63,8 @@ CHANNELS = (
     Channel("rotor_speed", "controlled", "rotor", 1, "rad/s", "rotor speeds over the gear ratio"),
     Channel("filtered_speed", "controlled", "servo", 1, "rad/s or m/s", "joint velocities as the controller sees them"),
     Channel("tangential_deflection", "controlled", "point", 2, "m", "tangential deflection of a contact", _FORCE[1:]),
+    Channel("rolling_deflection", "controlled", "rolling", 2, "rad", "rolling of a contact before it resists fully",
+            _FORCE[1:]),
     Channel("pair_deflection", "controlled", "slot", 3, "m", "bristle of a pair, in its second body", tuple("xyz")),
     Channel("pair_turning", "controlled", "turning", 4, "rad", "rolling of a pair, in its second body, and spinning",
             (*"xyz", "spinning")),

@@ -75,6 +75,7 @@ def _left_out(model: Model) -> list[str]:
     rollers = any(point.roller_angle is not None for point in model.contacts)
     shapes = ["immersed shapes"] * bool(model.immersed) + ["propellers"] * bool(model.propellers)
     tracks = any(point.surface is not None and point.circle_radius > 0 for point in model.contacts)
+    shapes += ["rolling resistance on the ground"] * any(point.rolling_friction for point in model.contacts)
     moved = ["surfaces that move on circles of contact"] * tracks
     return shapes + ["rollers of wheels"] * rollers + moved + ["sensors"] * bool(model.sensors)
 
