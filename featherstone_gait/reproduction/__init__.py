@@ -17,6 +17,7 @@ from .claim import Claim, ClaimTable, Verdict, classify, format_claims, number, 
 add_integrators(f"{__name__}.simtwo")
 
 EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
+    "simulators_world",
     "servo_step",
     "arm_fall",
     "servo_terms",

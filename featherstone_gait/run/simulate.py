@@ -71,7 +71,7 @@ def simulate(
     atol: float | None = None,
     estimate_error: bool | None = None,
     controller: CompiledController | None = None,
-    switches: Sequence[tuple[float, str, bool] | tuple[float, str, bool, float]] = (),
+    switches: Sequence[tuple[float, str, float] | tuple[float, str, bool, float]] = (),
 ) -> Trajectory:
     """Simulate a scene, by default twice: a second, coarser run estimates the global error of each channel.
 
@@ -177,7 +177,7 @@ def simulate_batch(
     atol: float | None = None,
     estimate_error: bool | None = None,
     controller: CompiledController | Sequence[CompiledController | None] | None = None,
-    switches: Sequence[tuple[float, str, bool] | tuple[float, str, bool, float]] = (),
+    switches: Sequence[tuple[float, str, float] | tuple[float, str, bool, float]] = (),
 ) -> list[Trajectory]:
     """Simulate many states, references, torques or worlds at once, each by default twice, as `simulate` does.
 

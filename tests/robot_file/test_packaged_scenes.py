@@ -234,6 +234,35 @@ def test_the_blimp_hovers_where_thrust_is_weight_and_flies_level_at_its_tilt():
     assert run["base_qd"].reshape(-1, 6)[-1, :3] == pytest.approx([v, 0.0, 0.0], rel=1e-6, abs=1e-6)
 
 
+# ---------------------------------------------------------------------------------------------- conveyor
+
+
+@pytest.mark.long
+def test_the_arm_takes_the_heavy_box_from_the_belt_and_leaves_the_light_one():
+    scene, v, turned = compile_scene(load_scene("conveyor"), "rotor"), 0.2, 0.5 * math.pi
+    start = initial_state(scene, open_loops=["suction"])
+    down, up = -0.049, 0.0  # 1 mm above the box
+    knots = [(0.0, 0.0, up), (1.0, 0.0, up), (2.0, 0.0, down), (3.1, 0.0, down), (3.9, 0.0, up), (5.0, turned, up)]
+    knots = np.array([*knots, (5.5, turned, up), (6.3, turned, down), (6.9, turned, down), (7.7, turned, up)])
+    switches = [(2.75, "belt/motor", 0.0), (3.0, "suction", True, math.inf)]
+    switches += [(4.0, "belt/motor", 1.0), (6.8, "suction", False)]
+    sort = Reference(knots[:, 0], knots[:, 1:])
+    run = simulate(scene, 8.0, start, sort, record=("base_q", "base_qd", "loop_force"), switches=switches)
+    assert run.ok
+    time, heavy, light = run["time"], run["heavy"]["base_q"].reshape(-1, 7), run["light"]["base_q"].reshape(-1, 7)
+    at = lambda t: np.searchsorted(time, t - 1e-9)  # noqa: E731
+    # boxes slide for v / (mu g) at the start and at the stop, in which the belt moves on by twice as much as they
+    slid = v / (0.5 * G)
+    assert heavy[at(2.0), 0] == pytest.approx(-0.35 + v * (2.0 - 0.5 * slid), abs=2e-5)
+    assert heavy[at(2.9), 0] == pytest.approx(-0.35 + v * 2.75, abs=1e-6)
+    assert light[at(2.9), 0] == pytest.approx(-0.6 + v * 2.75, abs=1e-6)
+    assert run["loop_force"][at(4.9)].any()
+    assert heavy[-1, :3] == pytest.approx([0.5, 0.3, 0.24 - 1e-5], abs=2e-3)  # servos rest within their friction
+    assert np.abs(run["heavy"]["base_qd"][-1]).max() < 1e-6
+    # the light one was at rest while the belt was
+    assert light[-1, :3] == pytest.approx([-0.6 + v * (8.0 - 1.25 - 0.5 * slid), 0.0, 0.23 - 1e-5], abs=1e-4)
+
+
 # ---------------------------------------------------------------------------------------------- balancer
 
 
