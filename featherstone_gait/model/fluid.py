@@ -197,8 +197,8 @@ def _added_matrix(what: str, given: Any) -> tuple[tuple[float, ...], ...]:
 class Propeller:
     """A propeller, wheel of paddles or fan that a joint turns: thrust along the joint's axis, and a moment about it.
 
-    At the joint speed w the medium pushes the joint's child with thrust w |w| along the axis, at the joint, and holds
-    it with torque w |w|.  The joint's servo, or a torque from outside, commands the propeller.
+    At the joint speed w the medium pushes the joint's child with thrust w |w| + linear_thrust w along the axis, at the
+    joint, and holds it with torque w |w|.  The joint's servo, or a torque from outside, commands the propeller.
 
     Attributes
     ----------
@@ -208,6 +208,8 @@ class Propeller:
         Thrust by the square of the speed [N s^2/rad^2]; negative where turning forward pushes backward.
     torque : float
         Moment by the square of the speed [N m s^2/rad^2].
+    linear_thrust : float
+        Thrust by the speed itself, as SimTwo's propellers have it [N s/rad].
 
     Raises
     ------
@@ -218,6 +220,7 @@ class Propeller:
     joint: str
     thrust: float
     torque: float = quantity(">= 0", "N m s^2/rad^2", 0.0, "it opposes the turning")
+    linear_thrust: float = quantity("finite", "N s/rad", 0.0, "give the thrust by the speed, 0 for the square alone")
 
     __repr__ = brief
 

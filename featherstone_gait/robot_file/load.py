@@ -201,7 +201,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             loops=tuple({loop.name: loop for loop in (*robot.loops, *settings.loops)}.values()),
             tendons=tuple({one.name: one for one in (*robot.tendons, *settings.tendons)}.values()),
             immersed=(*robot.immersed, *settings.immersed),
-            propellers=settings.propellers,
+            propellers=tuple({one.joint: one for one in (*robot.propellers, *settings.propellers)}.values()),
             sensors=robot.sensors,
         )
     report.raise_problems(path)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from ..model import Base, ContactPoint, Immersed, Joint, Link, Loop, Model, Servo, Tendon
+from ..model import Base, ContactPoint, Immersed, Joint, Link, Loop, Model, Propeller, Servo, Tendon
 from ..model.degrees import ball_name, degrees_of, is_first
 from ..model.sensor import Sensor
 from ..model.shapes import Shape
@@ -51,6 +51,7 @@ class Robot(NamedTuple):
     tendons: tuple[Tendon, ...] = ()
     immersed: tuple[Immersed, ...] = ()
     rollers: Mapping[str, ContactPoint] = {}  # of wheels with rollers, by link
+    propellers: tuple[Propeller, ...] = ()
     sensors: tuple[Sensor, ...] = ()
 
 

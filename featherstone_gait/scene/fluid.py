@@ -217,6 +217,7 @@ def build_propellers(model: Model, tree: Tree) -> Propellers | None:
     for row, one in zip(table, given):
         row.body, row.dof = rows[one.joint], model.joint_rows[one.joint]
         row.parent, row.thrust, row.torque = tree.bodies.parent[row.body], one.thrust, one.torque
+        row.linear_thrust = one.linear_thrust
         torque[row.dof] = one.torque
     return Propellers(table, torque)
 

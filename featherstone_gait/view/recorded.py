@@ -323,7 +323,7 @@ def _thrusts(model: Model, qd: np.ndarray, poses: FramePoses) -> np.ndarray:
     for one in model.propellers:
         joint, speed = model.joint(one.joint), qd[:, model.joint_rows[one.joint], None]
         axis = poses.rotation[:, model.link_index(joint.child)] @ np.array(joint.axis)
-        found.append(one.thrust * speed * np.abs(speed) * axis)
+        found.append((one.thrust * np.abs(speed) + one.linear_thrust) * speed * axis)
     return np.stack(found, axis=1)
 
 

@@ -270,6 +270,22 @@ def test_a_shaft_comes_to_the_speed_at_which_torque_is_drag():
     assert run["base_qd"][-1, 2] == pytest.approx(reached, rel=1e-4)
 
 
+def test_thrust_by_the_speed_itself_works_beside_that_by_its_square():
+    """Shafts without drag keep their speed w: dv/dt = 2 (k w^2 + l w) / m, and the medium's work is kinetic energy."""
+    k, linear, speed = 2e-5, 4e-3, 100.0
+    model = drone(k, 0.0)
+    upper, lower = model.propellers
+    both = replace(upper, linear_thrust=linear), replace(lower, linear_thrust=-linear)
+    scene = compile_scene(replace(model, propellers=both), gravity=(0.0, 0.0, 0.0))
+    y = initial_state(scene)
+    scene.state_view(y).qd[:] = speed, -speed
+    run = simulate(scene, 1.0, y, record=("base_qd", "fluid_work"), rtol=1e-8)
+    thrust = k * speed**2 + linear * speed  # the lower one turns backward: -k w |w| = k speed^2, -l w = l speed
+    reached = 2.0 * thrust / 0.6
+    assert run["base_qd"][-1, 2] == pytest.approx(reached, rel=1e-6)
+    assert run["fluid_work"][-1, 0, 3] == pytest.approx(0.5 * 0.6 * reached**2, rel=1e-6)
+
+
 def test_thrust_turns_round_with_the_speed():
     scene = compile_scene(drone(), gravity=(0.0, 0.0, 0.0))
     ends = []

@@ -10,6 +10,7 @@ import pytest
 from featherstone_gait import (
     Fluid,
     LineSensor,
+    Propeller,
     RobotFileError,
     RobotFileWarning,
     SampledSensor,
@@ -295,23 +296,24 @@ def test_sensors_of_a_scene_are_on_its_members_and_in_the_world(tmp_path):
         measure(scene, still, "sonar")
 
 
-def test_belts_move_and_propellers_do_not_push_with_a_warning(tmp_path):
-    """A belt moves along its x axis at SimTwo's first speed."""
+def test_belts_move_and_propellers_push_by_the_speed_of_their_joint(tmp_path):
+    """A belt moves along its x axis at SimTwo's first speed; a propeller that no hinge turns is left out."""
     text = """<robot><solids><belt><ID value="belt"/><size x="1" y="0.4" z="0.05"/><rot_deg z="90"/></belt>
       <propeller><ID value="prop"/><pos x="1"/><thrust coefficient="0.3"/></propeller></solids>
       <articulations><joint><ID value="turn"/><connect B1="prop" B2="belt"/><type value="Hinge"/></joint>
       </articulations></robot>"""
     path = written(tmp_path, text)
-    with pytest.warns(RobotFileWarning, match=r"cart\.xml, line 2: .*'prop'"):
-        model = load_robot(path)
+    model = load_robot(path, strict=True)
+    assert model.propellers == (Propeller("turn", 0.0, linear_thrust=0.3),)
     surface = model.shapes[0].surface
     np.testing.assert_allclose(surface.velocity, [0.0, 1.0, 0.0], atol=1e-15)
     assert surface.command == 0.5
     assert any("line 1: <belt> 'belt'" in note and "command_surface" in note for note in model.notes)
     assert model.shapes[0].geometry == Box((1.0, 0.4, 0.05))
     assert any("line 2" in note and "'prop', 0.3 N s/rad" in note for note in model.notes)
-    with pytest.raises(RobotFileError, match="prop"):
-        load_robot(path, strict=True)
+    path = written(tmp_path, text.replace('value="Hinge"', 'value="Fixed"'))
+    with pytest.warns(RobotFileWarning, match=r"cart\.xml, line 2: .*'prop', 0\.3 N s/rad.*left out"):
+        assert load_robot(path).propellers == ()
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Propellers: a joint that turns at w pushes what it carries by k w |w| along its axis, and is held by q w |w|.
+"""Propellers: a joint that turns at w pushes what it carries by k w |w| + l w along its axis, and is held by q w |w|.
 
 The moment of the medium acts on the propeller alone, -q w |w|: as a torque of the joint, with its slope, and as a
 moment of the same size on the link that carries the joint, which takes the joint's reaction back.  That moment and the
@@ -23,6 +23,7 @@ PROPELLER = record(
     dof=int,  # index of the joint's coordinate
     thrust=float,  # k [N s^2/rad^2]
     torque=float,  # q [N m s^2/rad^2]
+    linear_thrust=float,  # l [N s/rad]
 )
 
 
@@ -54,7 +55,7 @@ def add_propellers(propellers, v, W, F):
     for k in range(len(propellers.table)):
         p = propellers.table[k]
         n, square = _axis(p, W), v[p.dof] * abs(v[p.dof])
-        f, m = scale(n, p.thrust * square), scale(n, -p.torque * square)
+        f, m = scale(n, p.thrust * square + p.linear_thrust * v[p.dof]), scale(n, -p.torque * square)
         c = cross(load3(W, p.body, P), f)
         for j in range(3):
             F[p.body, j] += c[j]
@@ -78,5 +79,6 @@ def add_work(propellers, speeds, ends, h, lookahead, step, work, at):
                 scale(add(load3(W, p.body, U + 3), cross(load3(W, p.body, U), x)), lookahead),
             )
             turn = add(load3(W, p.parent, V), scale(load3(W, p.parent, U), lookahead))
-            power = p.thrust * (w * abs(w)) * dot(n, u) - p.torque * (w * abs(w) * dot(n, turn) + v * abs(v) * v)
+            thrust = p.thrust * (w * abs(w)) + p.linear_thrust * w
+            power = thrust * dot(n, u) - p.torque * (w * abs(w) * dot(n, turn) + v * abs(v) * v)
             work[at] += h * power

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ...base.rotation import rotation_from_rpy
-from ...model import Base, Joint, Link, Servo
+from ...model import Base, Joint, Link, Propeller, Servo
 from ...model.sensor import Sensor
 from ...model.shapes import Shape
 from ..markup import Vector, read_markup
@@ -63,6 +63,7 @@ def read_simtwo(
     axes = _axes(body, numbers, report)
     if not solids:
         report.raise_problems(file)
+    propellers = _propellers(body, solids, axes, differences)
     parts = _shells(body, numbers, solids, report, differences)
     taken = [solid.link.name for solid in (*solids, *(shell for shell, _ in parts))]
     parts += wheels_of(body, numbers, solids[0].link.name, taken, report)
@@ -81,7 +82,20 @@ def read_simtwo(
     report.raise_problems(file)
     fixed = any(WORLD in (axis.parent, axis.child) for axis in axes)
     base = base or ("fixed" if fixed else "floating")
-    return _robot(member or name, pose, everything, axes, joints, base)._replace(sensors=sensors)
+    return _robot(member or name, pose, everything, axes, joints, base)._replace(sensors=sensors, propellers=propellers)
+
+
+def _propellers(
+    body: Element, solids: list[Solid], axes: list[Axis], differences: Differences
+) -> tuple[Propeller, ...]:
+    """Return the propellers that joints turn, and say what drives belts and propellers."""
+    named = {solid.link.name: solid for solid in solids}
+    found = list[Propeller]()
+    for element in _all(body, "solids"):
+        solid = named.get(attribute(element, "ID", "value", ""))
+        if element.tag in KINDS and solid is not None:
+            found += tell_driven(element, solid, differences, axes)
+    return tuple(found)
 
 
 def _sensors(
@@ -144,7 +158,6 @@ def _solids(body: Element, numbers: Numbers, report: Report, differences: Differ
                 if not mothers:
                     differences.add(element, "a solid names none before it: it is in the robot's frame, as in SimTwo")
             solids.append(solid)
-            tell_driven(element, numbers, differences)
     if not elements:
         report.refuse(body, "there is no solid; a robot needs one: give the file that has <solids>")
     return solids

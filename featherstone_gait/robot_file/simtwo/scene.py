@@ -66,8 +66,8 @@ def read_solids(path: Path, markup: Markup, kind: str, strict: bool) -> tuple[li
         for element in body:
             if element.tag in SECTIONS[kind][1].split():
                 with report.blaming(element):
-                    found.append(_placed(element, numbers, kind, section, f"{element.tag}{len(found)}"))
-                    tell_driven(element, numbers, differences)
+                    name = f"{element.tag}{len(found)}"
+                    found.append(_placed(element, numbers, kind, section, name, differences))
         differences.tell()
         report.raise_problems(file)
         report.warn(file, stacklevel=5)
@@ -90,9 +90,12 @@ def _sections(root: Element, kind: str, numbers: Numbers, report: Report) -> Ite
             yield Section(element, None if body is None else body.get("file"), f"{name}_", position, rpy)
 
 
-def _placed(element: Element, numbers: Numbers, kind: str, section: Section, name: str) -> Placed:
+def _placed(
+    element: Element, numbers: Numbers, kind: str, section: Section, name: str, differences: Differences
+) -> Placed:
     """Make a model of one solid, whose frame is parallel to that of its section."""
     solid = solid_of(element, numbers, name)
+    tell_driven(element, solid, differences)
     name = (section.name + solid.link.name).replace(SEPARATOR, "_")
     link = replace(solid.link, name=LINK)
     moves = kind == "things"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 from xml.etree.ElementTree import Element
@@ -11,7 +12,7 @@ import numpy as np
 
 from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_from_rpy, rpy_from_rotation
-from ...model import ContactPoint, Immersed, Link, Servo, Surface
+from ...model import ContactPoint, Immersed, Link, Propeller, Servo, Surface
 from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from ...model.shapes import Box, Cylinder, Geometry, Sphere
 from ..markup import Vector
@@ -25,10 +26,8 @@ BELT = (
     "Session.command_surface set it here"
 )
 BELT_SPEED = 0.5  # [m/s] of SimTwo's belts, until a script sets another
-THRUST = (
-    "N s/rad times the angular velocity, is left out: here it is by the square of the speed; give the joint a "
-    "Propeller whose thrust is that over the speed at which it works"
-)
+TAKEN = "N s/rad, is along the axis of its joint {joint!r}, by its speed; SimTwo takes the solid's whole turning"
+LOST = "N s/rad times its angular velocity, is left out: it is the outer body of no Hinge, whose speed would give it"
 STEP = 1e-3  # [s] in which SimTwo takes the shares `stokes` and `roll` of the velocities away
 ROLLERS = {"omni": 0.5 * math.pi, "mecanumleft": 0.25 * math.pi, "mecanumright": -0.25 * math.pi}  # angle [rad]
 ROLLING = (1.0, 0.001)  # friction along and across rollers, unless a <surface> of <wheels> states it
@@ -47,6 +46,7 @@ class Solid(NamedTuple):
     immersed: tuple[Immersed, ...] = ()  # about its center
     rollers: ContactPoint | None = None  # what touches the ground if it is a wheel with rollers, about its center
     surface: Surface | None = None  # of a belt
+    thrust: float = 0.0  # of a propeller, by its angular velocity [N s/rad]
 
 
 class Axis(NamedTuple):
@@ -99,20 +99,26 @@ def solid_of(element: Element, numbers: Numbers, unnamed: str = "", massless: bo
     kind = attribute(element, "ID", "kind", "")
     if element.tag == "belt":
         solid = solid._replace(surface=Surface(along_x(rpy), command=BELT_SPEED))
+    if element.tag == "propeller":
+        thrust = numbers.one(element.find("thrust"), "coefficient", 0.1, f"{what} <thrust>")
+        solid = solid._replace(thrust=thrust)
     if kind in ROLLERS and isinstance(geometry, Cylinder):
         solid = rolling(solid, geometry.radius, ROLLERS[kind], *ROLLING)
     immersed = [*_drag(element, numbers, solid, inertia, outlines), *_buoyancy(element, numbers, solid)]
     return solid._replace(immersed=tuple(immersed))
 
 
-def tell_driven(element: Element, numbers: Numbers, differences: Differences) -> None:
-    """Add what a belt and a propeller do in SimTwo alone."""
-    name = attribute(element, "ID", "value", "")
+def tell_driven(element: Element, solid: Solid, differences: Differences, axes: Sequence[Axis] = ()) -> list[Propeller]:
+    """Add what drives a belt, and what turns a propeller; return the propeller of a joint, none without."""
+    name = solid.link.name
     if element.tag == "belt":
         differences.add(element, f"<belt> {name!r}: {BELT}")
-    elif element.tag == "propeller":
-        thrust = numbers.one(element.find("thrust"), "coefficient", 0.1, f"solid {name!r} <thrust>")
-        differences.add(element, f"the thrust of <propeller> {name!r}, {thrust:g} {THRUST}", doubt=True)
+    if not solid.thrust:
+        return []
+    joint = next((axis.name for axis in axes if axis.child == name and axis.kind == "Hinge"), None)
+    said = LOST if joint is None else TAKEN.format(joint=joint)
+    differences.add(element, f"the thrust of <propeller> {name!r}, {solid.thrust:g} {said}", doubt=joint is None)
+    return [] if joint is None else [Propeller(joint, 0.0, linear_thrust=solid.thrust)]
 
 
 def along_x(rpy: Vector) -> Vector:
@@ -211,7 +217,7 @@ def shell_of(element: Element, numbers: Numbers, mother: Solid, name: str) -> tu
     shell = placed_in(mother, solid_of(element, numbers, name, massless=True))
     link = replace(shell.link, name=name, gravity_compensation=mother.link.gravity_compensation)
     axis = Axis(name, "Fixed", mother.link.name, name, shell.position, (1.0, 0.0, 0.0), NOTHING[:2], None, {}, element)
-    return shell._replace(link=link, immersed=(), rollers=None, surface=None), axis
+    return shell._replace(link=link, immersed=(), rollers=None, surface=None, thrust=0.0), axis
 
 
 def _cuboid(element: Element, numbers: Numbers, what: str) -> Shaped:
