@@ -1,7 +1,8 @@
-"""Measure rays a second against 20 shapes, beside MuJoCo's `mj_multiRay`, and how far the distances differ.
+"""Measure rays a second against 20 shapes, beside MuJoCo's `mj_multiRay`, and spots of line sensors a second.
 
 All rays begin at one point and go in all directions; shapes of 0.1 to 0.8 m are spread over 4 m.  MuJoCo keeps meshes,
-here hulls of 12 corners, in single precision.
+here hulls of 12 corners, in single precision.  Spots are discs of 5 mm within 20 mm of a line of 20 pieces; "hit" is
+then the share of them that is dark.
 
     featherstone-gait benchmark rays        a minute
 """
@@ -17,11 +18,13 @@ import numpy as np
 
 from ..base.rotation import rotation_from_rpy
 from ..core.tree.distance import Room
+from ..core.tree.paint import cover
 from ..core.tree.ray import cast_rays
 from ..geometry.distance import shape_tables
 from ..geometry.hull import hull_triangles
-from ..model import HeightField
+from ..model import FloorLine, HeightField
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Shape, Sphere
+from ..run.range_sensor import strips
 from .engines import mujoco
 from .table import in_turn, installed, machine, tabulate
 
@@ -36,6 +39,7 @@ MAKERS: dict[str, Make] = {
 }
 KINDS = {"spheres, boxes, capsules": tuple(MAKERS)[:3]} | {name: (name,) for name in MAKERS}
 FIELD = "a height field of 100 x 100"
+LINE = "pieces of a line, by spots"
 
 
 class Row(NamedTuple):
@@ -52,7 +56,8 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Print the table; write rays.csv into `out_dir`; `full` repeats more often."""
     repeats, host = REPEATS_FULL if full else REPEATS, machine()
     print(host)
-    return tabulate(out_dir / "rays.csv", Row, (measure(name, repeats) for name in (*KINDS, FIELD)), host)
+    rows = (spots(repeats) if name == LINE else measure(name, repeats) for name in (*KINDS, FIELD, LINE))
+    return tabulate(out_dir / "rays.csv", Row, rows, host)
 
 
 def scattered(kind: str) -> list[Shape]:
@@ -86,6 +91,18 @@ def measure(kind: str, repeats: int) -> Row:
         both = np.isfinite(found[0]) & (theirs >= 0.0) & (found[0] > 0.0)  # within a shape MuJoCo gives its far side
         apart = float(np.abs(found[0] - theirs)[both].max())
     return Row(kind, rates[0], rates[1] if theirs is not None else math.nan, np.isfinite(found).mean(), apart)
+
+
+def spots(repeats: int) -> Row:
+    """Time the spots of line sensors."""
+    rng = np.random.default_rng(1)
+    knots, bends = 0.1 * np.arange(COUNT + 1), rng.uniform(-0.05, 0.05, COUNT + 1)
+    quads, out = strips([FloorLine(tuple(zip(knots.tolist(), bends.tolist())), 0.02)]), np.zeros(RAYS)
+    x = rng.uniform(0.0, 0.1 * COUNT, RAYS)
+    y = np.interp(x, knots, bends) + rng.uniform(-0.02, 0.02, RAYS)
+    discs, near = np.column_stack([x, y, np.full(RAYS, 5e-3)]), np.zeros(len(quads), np.int64)
+    taken = in_turn([lambda: cover(quads, discs, near, out)], repeats, warm=2).min()
+    return Row(LINE, float(1e-6 * RAYS / taken), math.nan, float(out.mean()), math.nan)
 
 
 def _own(shapes: list[Shape], directions: np.ndarray) -> tuple[Callable[[], None], np.ndarray]:
