@@ -202,7 +202,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             tendons=tuple({one.name: one for one in (*robot.tendons, *settings.tendons)}.values()),
             immersed=(*robot.immersed, *settings.immersed),
             propellers=tuple({one.joint: one for one in (*robot.propellers, *settings.propellers)}.values()),
-            sensors=robot.sensors,
+            sensors=(*robot.sensors, *settings.sensors),
         )
     report.raise_problems(path)
     return model

@@ -18,6 +18,7 @@ from ..model.shapes import Hull, Mesh, Shape
 from .gazebo import FIELDS
 from .markup import comment, element
 from .mjcf.write import mjcf_text
+from .sensors import sensor_table
 from .servos import PARTS
 from .toml import written
 from .urdf import DYNAMICS, INERTIA
@@ -172,10 +173,13 @@ def _toml_text(model: Model) -> str:
     for shape in model.immersed:
         geometry = {"shape": type(shape.geometry).__name__.lower(), **asdict(shape.geometry)}
         lines += ["", "[[immersed]]", *_assignments(_stated(shape) | {"geometry": geometry})]
+    for sensor in model.sensors:
+        table = sensor_table(sensor)
+        lines += [f"# left out the sensor {sensor.name!r}, of a channel"] if table is None else []
+        lines += [] if table is None else ["", "[[sensors]]", *_assignments(table)]
     for propeller in model.propellers:
         lines += ["", "[[propellers]]", *_assignments(_stated(propeller))]
     excluded = [f"excluded = {written(model.excluded)}"] if model.excluded else []
-    excluded += ["# left out the sensors, which this file cannot state"] if model.sensors else []
     return "\n".join([f"base = {written(model.base)}", "contacts = [", *contacts, "]", *excluded, *lines, ""])
 
 

@@ -13,10 +13,12 @@ from ..model.checks import check, field_flaws
 from ..model.degrees import ball_name, by_degree, degrees_of, is_first
 from ..model.fluid import check_propellers
 from ..model.loop import check_loops
+from ..model.sensor import WORLD, SampledSensor, Sensor
 from ..model.tendon import check_tendons
 from ..model.tree_checks import check_links, check_locked
 from .report import Report
 from .robot import Posture
+from .sensors import read_sensors
 from .servos import read_servos
 from .toml import Problems, beside, check_keys, name_pairs_of, number, read_toml, real, record, surface, table_of
 
@@ -27,7 +29,7 @@ OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
 }
 # Of the file.
 SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded", "loops", "tendons",
-            "immersed", "propellers")
+            "immersed", "propellers", "sensors")
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
@@ -48,6 +50,7 @@ class Settings(NamedTuple):
     tendons: tuple[Tendon, ...] = ()
     immersed: tuple[Immersed, ...] = ()
     propellers: tuple[Propeller, ...] = ()
+    sensors: tuple[Sensor | SampledSensor, ...] = ()
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report) -> Settings:
@@ -94,6 +97,8 @@ def _section(
         return {name: records_of(Tendon, table[name], name, lambda found: check_tendons(links, single, found))}
     if name == "propellers":
         return {name: records_of(Propeller, table[name], name, lambda found: check_propellers(joints, found))}
+    if name == "sensors":
+        return {name: read_sensors(table[name], [*(link.name for link in links), WORLD])}
     if name == "immersed":
         shapes = records_of(Immersed, table[name], name, lambda rows: check_links(name, links, (x.link for x in rows)))
         return {name: tuple(replace(shape, geometry=beside(shape.geometry, folder)) for shape in shapes)}

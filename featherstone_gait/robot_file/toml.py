@@ -275,6 +275,8 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
     "tuple[float, ...]": _reals,
     "tuple[tuple[float, ...], ...] | None": _matrix,
     "tuple[tuple[float, float], ...]": _matrix,
+    "np.ndarray": _matrix,
+    "tuple[float, float, float]": vector,
     "tuple[tuple[float, float, float], ...]": _matrix,
 }
 
