@@ -38,6 +38,7 @@ from ..model import (
     Mimic,
     Model,
     Supply,
+    Surface,
     Tendon,
     Via,
     Wrap,
@@ -65,6 +66,7 @@ FIRMWARE = AX12_LAW | {"profile_speed": 2.0, "delay": 3e-3}
 LIMP: dict[str, Any] = {"type": "continuous", "lower": -math.inf, "upper": math.inf, "damping": 0.0, "friction": 0.0}
 STEP, SETTLE = 1e-3, 0.1  # of the simulation, and time before anything is counted [s]
 COUNTED, TIMED = 2, 1000  # steps
+TRACK = Surface((0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
 REPEATS, REPEATS_FULL = 5, 51
 ALLOWED = 0.03  # over a bare ABA loop
 
@@ -236,6 +238,18 @@ def first_by(arm: Model, kind: Any, stiffness: float = 0.0) -> Model:
     return replace(arm, links=links, joints=(*turning, *others), keyframes={})
 
 
+def with_points(model: Model, **changes: Any) -> Model:
+    """Return the model with changes of all of its contact points."""
+    return replace(model, contacts=tuple(replace(point, **changes) for point in model.contacts))
+
+
+def carried(surface: Surface | None) -> SceneModel:
+    """Return a scene of a box that lies on another one of a surface, which never moves."""
+    table = solid(Box((1.0, 1.0, 0.1)), base="fixed", surface=surface)
+    box = Placed(solid(Box((0.1, 0.1, 0.1)), 1.0), "box", (0.2, 0.0, 0.1))
+    return SceneModel("table", (box,), (Placed(table, "table"),), pairs="all")
+
+
 def tied(arm: Model) -> Model:
     """Return the arm with a rod of 0.3 m from its last link to the base."""
     link = arm.links[-1].name
@@ -327,9 +341,10 @@ def humanoid_rows() -> Iterator[tuple[str, Work, Work, str]]:
     body, ground = free_arm("humanoid", "simplified"), Ground()
     field = Ground(field=HeightField(np.zeros((20, 20)), (0.1, 0.1), (-1.0, -1.0)))
     flying, standing, level = (rollout(body, None, each) for each in (None, ground, field))
-    balls = rollout(replace(body, contacts=tuple(replace(p, radius=1e-3) for p in body.contacts)), None, ground)
-    discs = rollout(replace(body, contacts=tuple(replace(p, circle_radius=1e-3) for p in body.contacts)), None, ground)
+    small, round_ = with_points(body, radius=1e-3), with_points(body, circle_radius=1e-3)
+    balls, discs = rollout(small, None, ground), rollout(round_, None, ground)
     posed, near = (rollout(body, None, ground, record=r, every=1) for r in (("base_q", "q"), ("clearance",)))
+    tracks = rollout(with_points(body, surface=TRACK), None, ground)
     yield from (
         ("no floating base (humanoid)", rollout(replace(body, base="fixed")), flying, ""),
         ("no ground (humanoid)", flying, standing, f"{len(body.contacts)} points, standing"),
@@ -338,6 +353,10 @@ def humanoid_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no round contacts (humanoid)", standing, balls, "points and spheres"),
         ("no wheels (humanoid)", balls, discs, "spheres and discs"),
         ("ground at rest (humanoid)", standing, rollout(body, None, Ground(turning=0.1)), "a turntable"),
+        ("surfaces at rest (humanoid)", standing, tracks, "turning soles"),
+        ("no rollers (humanoid)", discs, rollout(with_points(round_, roller_angle=1.5), None, ground), "all circles"),
+        ("no rolling resistance (humanoid)", balls, rollout(with_points(small, rolling_friction=1e-3), None, ground),
+         "of all spheres"),
         ("no height field (humanoid)", standing, level, "level, 400 nodes"),
         ("nothing near the height field (humanoid)", rollout(body, None, field, lifted=10.0), level, "same kernel"),
     )
@@ -399,3 +418,4 @@ def pair_rows(model: Model, ground: Ground) -> Iterator[tuple[str, Work, Work, s
         scenes = [SceneModel("balls", members, pairs=pairs) for pairs in ((), meeting)]
         apart, touching = (rollout(scene, "mipsd", ground) for scene in scenes)
         yield f"no touching at {what} (humanoid)", apart, touching, "a ball on a ball each"
+    yield "surfaces at rest (a box on a box)", rollout(carried(None)), rollout(carried(TRACK)), "a turntable"
