@@ -6,10 +6,14 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ..base.arguments import instance, truth
 from ..base.files import complete
+from ..base.rotation import rotation_from_rpy, rpy_from_rotation
 from ..geometry.contact_choice import with_contacts
 from ..model import Fluid, Ground, Link, Model
+from ..model.numpy_dynamics import link_poses, zero_position
 from ..model.placed import SEPARATOR, Placed, SceneModel
 from .load import model_of, resolve_couplings
 from .markup import Markup, read_markup
@@ -108,6 +112,13 @@ def _simtwo(path: Path, markup: Markup, strict: bool) -> SceneModel:
     things, remarks = read_solids(path, markup, "things", strict)
     obstacles, more = read_solids(path, markup, "obstacles", strict)
     members += things
+    still = [placed for placed in members if placed.model.base == "fixed" and not placed.model.moving_joints]
+    if len(still) < len(members):
+        members = [placed for placed in members if placed not in still]
+        obstacles = [*(_unmoved(placed) for placed in still), *obstacles]
+        for placed in still:
+            if placed.model.sensors:
+                whole.doubt(f"robot {placed.name!r} is an obstacle, as nothing of it moves: its sensors are left out")
     sensors = read_rest(path, root, whole) if root.tag == "scene" else ()
     if len(members) + len(obstacles) > 1:
         whole.remark('bodies touch the ground alone: give pairs="all" to compile_scene to let them touch as in SimTwo')
@@ -119,6 +130,23 @@ def _simtwo(path: Path, markup: Markup, strict: bool) -> SceneModel:
         path.stem, tuple(members), tuple(obstacles), Ground(), notes=notes, source=str(path), fluid=fluid,
         sensors=sensors,
     )  # fmt: skip
+
+
+def _unmoved(placed: Placed) -> Placed:
+    """Return a robot of which nothing moves as an obstacle of one link, with the shapes and their surfaces."""
+    model, shapes = placed.model, []
+    poses = link_poses(model, zero_position(model))
+    for shape in model.shapes:
+        k, surface = model.link_rows[shape.link], shape.surface
+        E, r = poses.rotation[k], poses.position[k]
+        if surface is not None:
+            x, v, w = (tuple((E @ np.array(a)).tolist()) for a in (surface.center, surface.velocity, surface.turning))
+            center = tuple((r + np.array(x)).tolist())
+            surface = replace(surface, velocity=v, turning=w, center=center, drive=surface.drive or shape.link)
+        xyz, rpy = tuple((r + E @ np.array(shape.xyz)).tolist()), rpy_from_rotation(E @ rotation_from_rpy(shape.rpy))
+        shapes.append(replace(shape, link=OBSTACLE, xyz=xyz, rpy=rpy, surface=surface))
+    still = Model(model.name, (Link(OBSTACLE),), (), shapes=tuple(shapes), notes=model.notes, source=model.source)
+    return replace(placed, model=still)
 
 
 def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:

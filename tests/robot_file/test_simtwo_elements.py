@@ -316,6 +316,36 @@ def test_belts_move_and_propellers_push_by_the_speed_of_their_joint(tmp_path):
         assert load_robot(path).propellers == ()
 
 
+BELT = """<robot><solids><belt><ID value="1"/><mass value="20"/><size x="1.5" y="0.4" z="0.05"/><pos z="0.1"/>
+  <rot_deg z="90"/></belt></solids><articulations><joint><ID value="held"/><connect B1="world" B2="1"/>
+  <type value="Fixed"/></joint></articulations></robot>"""
+CONVEYOR = """<scene><robot><ID name="conveyor"/><pos x="0.2"/><body file="belt.xml"/></robot>
+  <things><cuboid><ID value="crate"/><size x="0.1" y="0.1" z="0.1"/><pos x="0.2" z="0.175"/></cuboid>
+  </things></scene>"""
+
+
+def conveyor(tmp_path):
+    written(tmp_path, BELT, "belt.xml")
+    return quiet(written(tmp_path, CONVEYOR, "scene.xml"), load_scene)
+
+
+def test_a_belt_that_a_joint_holds_to_the_world_is_an_obstacle(tmp_path):
+    scene = conveyor(tmp_path)
+    (one,) = scene.obstacles
+    (shape,) = one.model.shapes
+    np.testing.assert_allclose([one.position, shape.xyz], [[0.2, 0.0, 0.0], [0.0, 0.0, 0.1]], atol=1e-15)
+    np.testing.assert_allclose(shape.surface.velocity, [0.0, 1.0, 0.0], atol=1e-15)
+    assert compile_scene(scene, pairs="all").surface_drives == ("conveyor/1",)
+
+
+@pytest.mark.long
+def test_a_crate_moves_with_a_belt_of_simtwo(tmp_path):
+    scene = compile_scene(conveyor(tmp_path), pairs="all")
+    run = simulate(scene, 0.8, record=("base_qd",), switches=[(0.4, "conveyor/1", -0.2)])
+    speed = run["crate"]["base_qd"][:, 1]
+    assert [speed[len(speed) // 2 - 1], speed[-1]] == pytest.approx([0.5, -0.2], abs=1e-3)
+
+
 @pytest.mark.parametrize(
     "element",
     [
