@@ -8,7 +8,6 @@ import pytest
 from scipy.linalg import expm
 
 from featherstone_gait.base.rotation import rotation_from_quaternion
-from featherstone_gait.model.sensor import LineSensor
 from featherstone_gait.robot_file import RobotFileNotFoundError, load_robot, scene_names
 from featherstone_gait.robot_file.scene import load_scene
 from featherstone_gait.run.program import load_controller
@@ -127,7 +126,7 @@ def test_the_omni_robot_turns_on_the_radius_of_its_wheels_speeds(omni, tight):
 # ---------------------------------------------------------------------------------------------- line follower
 
 
-EYES = LineSensor("line_follower/body", tuple((0.06, 0.01 * k, 0.0) for k in range(-3, 4)), 0.005)
+EYES = "line_follower/eyes"
 
 
 @pytest.fixture(scope="module")
@@ -166,8 +165,8 @@ def test_the_follower_goes_round_its_track_where_its_steering_is_that_of_the_ben
     law, straight, own = load_controller("line_follower"), np.abs(x) < 0.3, np.zeros((len(x), 8))
     for place, memory in zip(base, own):
         law(0.0, SimpleNamespace(base_q=place), None, np.zeros((2, 2)), memory)
-    assert own[straight, :7] == pytest.approx(run["line"][straight], abs=1e-4)
-    assert own[:, :7] == pytest.approx(run["line"], abs=0.06)
+    assert own[straight, :7] == pytest.approx(run[EYES][straight], abs=1e-4)
+    assert own[:, :7] == pytest.approx(run[EYES], abs=0.06)
 
 
 # ---------------------------------------------------------------------------------------------- fluids
