@@ -13,14 +13,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..base.fixed_order import applied, product, total
+from ..base.fixed_order import applied, total
 from ..core.effects.actuator import motor_of
 from ..core.effects.pd_servo import PDServo
 from ..core.step.state import BY_NAME
 from ..dynamics import coupling_matrix
 from ..dynamics.algorithms import loop_measures
 from ..dynamics.loops import eliminated, leaders_of
-from ..run.start import positions_in
+from ..run.start import loop_rows, positions_in
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
 from ..scene.friction import sticks
@@ -101,7 +101,7 @@ _POSITIONS, _RATES, _ACCELERATIONS = ("base_q", "ball_q", "q"), ("base_qd", "qd"
 
 
 class ClosedChart:
-    """A `Chart` of a robot with loops: its deviations are independent, and the others follow so that loops stay closed.
+    """A `Chart` of a scene with loops: its deviations are independent, and the others follow so that loops stay closed.
 
     Dependent deviations of positions, velocities and accelerations are found by the chord method, with the inverse of
     the loops' Jacobian at the state y (size,).  Joints with motors are independent where they can be.
@@ -114,12 +114,12 @@ class ClosedChart:
         view, name_of = scene.state_view(y), [name.split()[0] for name in self._inner.names]
         self._places = view.loop_place.ravel()
         self._rows = np.repeat(view.loop_closed > 0.0, [loop.rows for loop in scene.model.loops])
-        (gaps, J), self._residual = self._measured(y[:, None]), np.zeros((3, 1, int(self._rows.sum())))
-        self._residual[2] = gaps[2]  # of accelerations that are those of the last step, or zero at the start
-        A = product(J[0], coupling_matrix(scene.model).matrix)
+        self._residual = np.zeros((3, 1, int(self._rows.sum())))
+        self._residual[2] = self._measured(y[:, None])[2]  # of accelerations of the last step, or zero at the start
+        families = [np.flatnonzero(np.isin(name_of, one)) for one in (_POSITIONS, _RATES, _ACCELERATIONS)]
+        A = self._jacobian(y, families[1])
         dependent = eliminated(A, np.zeros(len(A)), driven_columns(scene))[0]
         self._inverse = np.linalg.pinv(A[:, dependent])
-        families = (np.flatnonzero(np.isin(name_of, one)) for one in (_POSITIONS, _RATES, _ACCELERATIONS))
         self._dependent = [family[dependent] for family in families]
         left = np.delete(np.arange(len(name_of)), np.concatenate(self._dependent))
         self.channels = (*channels, *held)
@@ -129,16 +129,32 @@ class ClosedChart:
         self.widths = [self._inner.widths[k] for k in self._which]
         self.reads = self._inner.reads[self._which[: self.states]]
 
-    def _measured(self, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute gaps of positions, rates and accelerations (3, k, rows) in states (size, k), and J (k, rows, nv)."""
+    def _jacobian(self, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Compute how fast gaps grow by each independent rate, which (k,) of the inner chart's deviations (rows, k)."""
+        still = y.copy()
+        for name in _RATES:
+            still[slice(*self._scene.part(name))] = 0.0
+        X = np.zeros((len(self._inner.names), len(rates)))
+        X[rates, np.arange(len(rates))] = 1.0
+        return self._measured(self._inner.moved(still, X))[1].T
+
+    def _measured(self, Y: np.ndarray) -> np.ndarray:
+        """Compute gaps of positions, rates and accelerations (3, k, rows) in states (size, k)."""
         scene = self._scene
+        if scene.members:
+            found = np.array([loop_rows(scene, y) for y in np.ascontiguousarray(Y.T)]).swapaxes(0, 1)
+            moved = Y.copy()
+            for rate, acceleration in zip(_RATES, _ACCELERATIONS):
+                moved[slice(*scene.part(rate))] = Y[slice(*scene.part(acceleration))]
+            found[2] += [loop_rows(scene, y)[1] for y in np.ascontiguousarray(moved.T)]
+            return found[:, :, self._rows]
         q = np.array([positions_in(scene, y) for y in Y.T])
         rates, accelerations = (
             np.concatenate([Y[slice(*scene.part(name))] for name in names]).T for names in (_RATES, _ACCELERATIONS)
         )
         measures, J = loop_measures(scene.model, q, rates, self._places)
         measures[:, 2] += applied(J, accelerations)
-        return measures.swapaxes(0, 1)[:, :, self._rows], J[:, self._rows]
+        return measures.swapaxes(0, 1)[:, :, self._rows]
 
     def moved(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return states (size, k) at the deviations x (states, k) from y (size,).
@@ -148,7 +164,7 @@ class ClosedChart:
         X = np.zeros((len(self._inner.names), x.shape[1]))
         X[self._which[: len(x)]] = x
         for _ in range(MOVES):
-            gaps = self._measured(self._inner.moved(y, X))[0] - self._residual
+            gaps = self._measured(self._inner.moved(y, X)) - self._residual
             for dependent, gap in zip(self._dependent, gaps):
                 X[dependent] -= self._inverse @ gap.T
             if np.abs(gaps).max(initial=0.0) <= CLOSED:  # the last move leaves rounding
@@ -174,13 +190,14 @@ AnyChart: TypeAlias = "Chart | ClosedChart"
 
 
 def driven_columns(scene: CompiledScene) -> np.ndarray:
-    """Return which independent coordinates (k,) have motors, or might have: those of a base, and all without servos."""
+    """Return which independent coordinates (k,) have motors, or might have: those of bases, and all without servos."""
+    bases = 6 * len(_free_bases(scene)) if scene.members else 0  # of which the scene's model knows nothing
     model, actuator = scene.model, scene.constants.actuator
     driven = np.ones(model.nv, dtype=bool)
     if actuator is not None:
         strength = actuator.pd.Kp if isinstance(actuator, PDServo) else motor_of(actuator).torque_constant
         driven[model.nv - scene.tree.n :] = strength > 0.0
-    return driven[leaders_of(model)]
+    return np.concatenate([np.ones(bases, dtype=bool), driven[leaders_of(model)]])
 
 
 def _pairs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -202,11 +202,6 @@ def linearize(
     >>> model.A[np.ix_(model.of("q"), model.of("qd"))]
     """
     check_scene(scene)
-    if scene.members and scene.model.loops:
-        raise ValueError(
-            f"{scene.model.name}: linearize knows loops of one robot alone; take that of a member, "
-            f"scene.member({scene.members[0].name!r}).scene"
-        )
     scene, tolerance, _ = with_tolerance(scene, RTOL if rtol is None and scene.adaptive else rtol, None)
     named = _inputs(scene, inputs)
     period = scene.tick_steps if scene.sampled else 1

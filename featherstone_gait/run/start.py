@@ -21,7 +21,7 @@ from ..core.integrate.integrator import closing_of
 from ..core.step import pace
 from ..core.step.closure import Closing, measure_loops
 from ..core.step.signals import Knots
-from ..core.tree.loop import GAP, PLACE, SPEED
+from ..core.tree.loop import BIAS, GAP, PLACE, SPEED
 from ..dynamics import forward_kinematics, loop_gaps
 from ..dynamics.algorithms import lengths_of, loop_measures
 from ..dynamics.inverse_kinematics import close_loops, is_flipped
@@ -298,9 +298,14 @@ def gaps_and_speeds(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
     if not scene.members:
         rates = np.concatenate([view.base_qd, view.qd])
         return loop_measures(scene.model, positions_in(scene, y), rates, view.loop_place.ravel())[0][0, :2]
+    return loop_rows(scene, y)[:2]
+
+
+def loop_rows(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
+    """Compute gaps of loops, their rates and what the rates change by without accelerations, in a state (3, rows)."""
     W, closing = scratch_of_loops(scene)
     measure_loops(scene.constants.loops, scene.constants, scene.places, (W, closing), y)
-    return closing.rows[:, [GAP, SPEED]].T
+    return closing.rows[:, [GAP, SPEED, BIAS]].T
 
 
 def scratch_of_loops(scene: CompiledScene) -> tuple[np.ndarray, Closing]:

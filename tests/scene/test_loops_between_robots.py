@@ -23,6 +23,7 @@ from featherstone_gait import (
     compile_scene,
     energy,
     initial_state,
+    linearize,
     load_robot,
     load_scene,
     momentum,
@@ -32,6 +33,7 @@ from featherstone_gait import (
     switch_loop,
 )
 from featherstone_gait.base.rotation import rotation_about
+from featherstone_gait.run.start import gaps_and_speeds
 
 ONCE = {"estimate_error": False}
 AT, ANGLE = (0.3, 0.1, 0.2), 0.7  # of the second body in the first [m], about z [rad]
@@ -78,6 +80,27 @@ def test_two_free_bodies_that_a_weld_joins_move_as_one_rigid_body(integrator):
     np.testing.assert_allclose(P[:, 3:5], P[0, 3:5] + np.zeros((len(P), 2)), rtol=0, atol=1e-9)
     np.testing.assert_allclose(P[:, 5] + 2.0 * G * run["time"], P[0, 5], rtol=0, atol=1e-9)
     assert np.linalg.norm(run["left"]["base_qd"][-1, 3:] - W) > 1e-3  # it tumbles
+
+
+@pytest.mark.long
+def test_a_linear_model_of_pendulums_that_a_rod_joins_is_that_of_one():
+    """Two equal pendulums with a rod as long as they are apart turn alike; the second faces the other way."""
+    bob = Link("bob", 1.2, (0.0, 0.0, -0.3), (0.01, 0.0, 0.0, 0.02, 0.0, 0.01))
+    one = Model("one", (Link("wall"), bob), (Joint("hinge", "continuous", "wall", "bob", axis=(0.0, 1.0, 0.0)),))
+    free = Model("free", (LEFT,), (), base="floating")
+    places = Placed(one, "a"), Placed(free, "free", (0.0, 3.0, 0.0)), Placed(one, "b", (0.5, 0.0, 0.0), (0, 0, 0, 1))
+    rod = Loop("rod", "distance", "a/bob", "b/bob", (0.0, 0.0, -0.3), (0.0, 0.0, -0.3), distance=0.5)
+    scene = compile_scene(places, integrator="rk4", timestep=1e-3, loops=[rod])
+    alone = compile_scene(one, integrator="rk4", timestep=1e-3)
+    start = initial_state(scene, {"a": [0.4], "b": [-0.4]}, {"a": [1.0], "b": [-1.0]})
+    found, single = linearize(scene, start), linearize(alone, initial_state(alone, [0.4], [1.0]))
+    own = [k for k, name in enumerate(found.states) if name.endswith("hinge")]
+    assert [found.states[k].split()[0] for k in own] == ["q", "qd"]
+    np.testing.assert_allclose(np.abs(found.A[np.ix_(own, own)]), np.abs(single.A), rtol=0, atol=1e-9)
+    assert np.abs(np.delete(found.A[own], own, axis=1)).max() < 1e-12
+    x = np.zeros(len(found.states))
+    x[own] = 0.01, -0.02
+    assert np.abs(gaps_and_speeds(scene, found.moved(x))).max() < 1e-10
 
 
 @pytest.mark.long
