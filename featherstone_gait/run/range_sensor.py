@@ -14,7 +14,7 @@ from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_quaternion
 from ..core.step.state import BY_NAME
 from ..core.tree.distance import Room
-from ..core.tree.paint import cover
+from ..core.tree.paint import COINCIDENT, cover
 from ..core.tree.ray import cast_rays
 from ..dynamics import forward_kinematics
 from ..geometry.distance import shape_tables
@@ -116,10 +116,12 @@ def strips(lines: Sequence[FloorLine]) -> np.ndarray:
             turn, alike = m[0] * n[1] - m[1] * n[0], m[0] * n[0] + m[1] * n[1]
             m, n = (-n, -m) if turn < 0.0 else (m, n)  # on the outer side ...
             m, n = -m, -n
-            if turn != 0.0 and alike >= 0.0:
+            if abs(turn) <= COINCIDENT * half:
+                continue  # straight on or straight back: its edges would be one to `cover`, without area between them
+            if alike >= 0.0:
                 tip = p + (m + n) / (1.0 + alike / (half * half))
                 found.append([p, p + m, tip, p + n])
-            elif turn != 0.0:
+            else:
                 found.append([p, p + m, p + n, p + n])
     return np.reshape(found, (-1, 4, 2))
 

@@ -91,6 +91,20 @@ def test_what_lines_cover_together_counts_once(arm):
 
 
 @pytest.mark.nojit
+@pytest.mark.parametrize("turn", [0.4, 2.5, 5.774538558746286])
+def test_a_line_that_doubles_back_is_as_dark_as_without_the_way_back(arm, turn):
+    """At most angles rounding leaves a turn of 1e-17 between both ways."""
+    ahead = np.array([math.cos(turn), math.sin(turn)])
+    spots = LineSensor("world", [(*(x * ahead), 0.1) for x in (0.19, 0.25, 0.3)], 0.1)
+    wanted, *others = (
+        dark(on(arm, FloorLine([tuple(x * ahead) for x in along], 0.05)), spots)
+        for along in ((0.0, 0.3), (0.0, 0.3, 0.12), (0.0, 0.1, 0.3))
+    )
+    for found in others:
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
+
+
+@pytest.mark.nojit
 def test_points_are_dark_or_not_and_what_returns_no_light_is_dark(arm):
     scene = on(arm, FloorLine(((0.0, 0.0), (1.0, 0.0)), 0.1))
     points = LineSensor("world", ((0.5, 0.04, 0.3), (0.5, 0.06, 0.3), (-0.01, 0.0, 0.3)), 0.0)
