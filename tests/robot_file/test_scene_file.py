@@ -1,6 +1,7 @@
 """Scenes of several models from MJCF and TOML, against what MuJoCo makes of them."""
 
 import contextlib
+import math
 import random
 import re
 import sys
@@ -15,11 +16,17 @@ from featherstone_gait import (
     Box,
     FloorLine,
     Ground,
+    Link,
+    Loop,
+    Model,
     PairContact,
     Placed,
     RobotFileError,
     RobotFileWarning,
     SceneModel,
+    Tendon,
+    Via,
+    Wrap,
     body,
     compile_scene,
     inverse_dynamics,
@@ -472,6 +479,28 @@ def test_saved_links_without_contact_points_touch_the_ground_where_bodies_touch(
         save_scene(SceneModel("x", placed, ground=Ground(), excluded=out, pairs=pairs), tmp_path / "saved.xml")
         again = quiet(tmp_path / "saved.xml").member("one").model
         assert {point.link for point in again.contacts} == low
+
+
+@pytest.mark.parametrize("root", ["trunk", "world"])
+def test_what_a_floating_robot_has_in_the_world_is_saved_in_the_world_of_the_scene(tmp_path, root):
+    """A tendon and a rod from the world to a robot at a place of its own, in coordinates of the scene."""
+    trunk = Link(root, 1.0, inertia=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
+    around = Wrap(None, "sphere", 0.1, (9.0, 9.0, 9.0), side=(9.5, 9.0, 9.0))
+    path = Via(None, (0.3, 0.1, 3.0)), around, Via(root, (0.1, 0.0, 0.0))
+    rod = Loop("rod", "distance", root, None, point_b=(0.0, 0.0, 2.0), distance=1.0)
+    robot = Model("kite", (trunk,), (), "floating", tendons=(Tendon("rope", path=path, stiffness=40.0),), loops=(rod,))
+    scene = SceneModel("x", [Placed(robot, "kite", (0.2, 0.0, 1.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))])
+    save_scene(scene, tmp_path / "saved.xml")
+    m = mujoco.MjModel.from_xml_path(str(tmp_path / "saved.xml"))
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    at = {m.tendon(k).name: d.ten_length[k] for k in range(m.ntendon)}
+    rope, rod = math.dist((0.3, 0.1, 3.0), (0.2, 0.1, 1.0)), math.dist((0.0, 0.0, 2.0), (0.2, 0.0, 1.0))
+    assert at == {"kite/rope": pytest.approx(rope, abs=1e-12), "kite/rod": pytest.approx(rod, abs=1e-12)}
+    (again,) = quiet(tmp_path / "saved.xml").members
+    assert again.model.base == "floating"
+    assert [via.link is None for via in again.model.tendons[0].path] == [True, True, False]
+    assert again.model.tendons[0].path[0].point == pytest.approx((0.3, 0.1, 3.0))
 
 
 # ---------------------------------------------------------------------------------------------- attacks

@@ -46,6 +46,7 @@ class Written(NamedTuple):
     root: Element  # of the file of this model alone
     touching: tuple[Shape, ...]  # the shapes that touch the ground
     body: Element  # the first body, at its place
+    beside: list[Element]  # what a floating model has in the world: ends of tendons and loops
 
 
 def scene_text(scene: SceneModel) -> str:
@@ -66,7 +67,7 @@ def scene_text(scene: SceneModel) -> str:
     for placed, part in zip(scene.all, parts):
         pairs = _pairs(part, placed, scene.ground)
         for tag in SECTIONS:
-            found = [part.body] if tag == "worldbody" else [*part.root.iterfind(f"{tag}/*")]
+            found = [*part.beside, part.body] if tag == "worldbody" else [*part.root.iterfind(f"{tag}/*")]
             for element in (each for one in found for each in one.iter()):
                 _rename(element, placed.name, REFERENCES)
             sections[tag].extend(found)
@@ -172,7 +173,7 @@ def _written(placed: Placed, scene: SceneModel, on_ground: set[str]) -> Written:
     if placed.gearbox is None:
         model = replace(model, servos={})
     root, place = _parsed(mjcf_text(model)), _position(placed, scene.ground)
-    return Written(model, root, touching, _body(root, replace(placed, position=place), model, touching))
+    return Written(model, root, touching, *_body(root, replace(placed, position=place), model, touching))
 
 
 def _position(placed: Placed, ground: Ground | None) -> tuple[float, float, float]:
@@ -205,13 +206,21 @@ def _touches(shape: Shape, contacts: tuple[ContactPoint, ...]) -> bool:
     return bool(own) and {*map(_place, own)} <= {*map(_place, contacts)}
 
 
-def _body(root: Element, placed: Placed, model: Model, touching: tuple[Shape, ...]) -> Element:
-    """Return the model's first body at its place; the links of a root that is MuJoCo's world get one around them."""
+def _body(
+    root: Element, placed: Placed, model: Model, touching: tuple[Shape, ...]
+) -> tuple[Element, list[Element]]:
+    """Return the model's first body at its place, and what stands beside it in the world.
+
+    A floating model's world is that of the scene.  What a fixed model has in the world moves with its place, so a body
+    holds it together with the links of a root that is MuJoCo's world.
+    """
     world = root.find("worldbody")
     inside = [] if world is None else [*world]
     whole = [element for element in inside if element.tag == "body"]
-    if len(inside) == 1 and whole and whole[0].get("name") == model.root:
-        body = whole[0]
+    beside: list[Element] = []
+    if model.base == "floating" or (len(inside) == 1 and whole and whole[0].get("name") == model.root):
+        (body,) = whole
+        beside = [element for element in inside if element is not body]
     else:
         body = Element("body", name=WORLD)
         body.extend(inside)
@@ -223,7 +232,7 @@ def _body(root: Element, placed: Placed, model: Model, touching: tuple[Shape, ..
         if geom.get("name") in shapes:
             kind, affinity = BITS[geom.get("name") in on_ground]
             geom.attrib.update(contype=kind, conaffinity=affinity)
-    return body
+    return body, beside
 
 
 def _ground(ground: Ground, model: Model, sections: dict[str, Element]) -> list[Any]:
