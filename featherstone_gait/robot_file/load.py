@@ -16,6 +16,7 @@ from ..model import LARGEST, Base, Joint, Mimic, Model, Surface
 from ..model.degrees import by_degree, degrees_of
 from ..model.links import Leader, leader_of
 from ..model.rest_posture import nearest_positions
+from ..model.shapes import Shape
 from ..model.tree_checks import check_locked
 from .collision import MeshFinder
 from .markup import read_markup
@@ -191,7 +192,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             locked=robot.held,
             servos={**robot.servos, **settings.servos},
             contacts=_with_surfaces(settings.contacts, moving),
-            shapes=_with_surfaces(robot.shapes, moving),
+            shapes=_with_surfaces(_with_each(robot.shapes, moving, report), moving),
             keyframes={**keyframes, **settings.keyframes},
             notes=report.notes(),
             source=str(path),
@@ -208,9 +209,21 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
     return model
 
 
-def _with_surfaces(parts: tuple[Any, ...], moving: Mapping[str, Surface]) -> tuple[Any, ...]:
+def _with_surfaces(parts: tuple[Any, ...], moving: Mapping[str, Any]) -> tuple[Any, ...]:
     """Return shapes or contact points with the surfaces of their links, but those that state their own."""
-    return tuple(one if one.surface else replace(one, surface=moving.get(one.link)) for one in parts)
+    whole = {name: given for name, given in moving.items() if isinstance(given, Surface)}
+    return tuple(one if one.surface else replace(one, surface=whole.get(one.link)) for one in parts)
+
+
+def _with_each(shapes: tuple[Shape, ...], moving: Mapping[str, Any], report: Report) -> tuple[Shape, ...]:
+    """Return shapes with surfaces that the TOML file lists for each shape of a link; report lists of another length."""
+    lists = {name: given for name, given in moving.items() if not isinstance(given, Surface)}
+    for name, given in lists.items():
+        if (count := sum(shape.link == name for shape in shapes)) != len(given):
+            text = f"surface of the TOML file lists {len(given)} surfaces and the link has {count} shapes"
+            report.refuse(None, f"links.{name}: {text}; list one of each, {{}} for one at rest")
+    left = {name: iter(given) for name, given in lists.items()}
+    return tuple(replace(one, surface=next(left.get(one.link, iter(())), None) or one.surface) for one in shapes)
 
 
 def _chosen(locked: Any, sets: Mapping[str, dict[str, float]], joints: Iterable[Joint]) -> dict[str, float]:

@@ -98,10 +98,11 @@ def _shape_lines(shape: Shape) -> list[str]:
         case other:  # whose fields are named as in URDF
             geometry = element(type(other).__name__.lower(), asdict(other))
     origin = element("origin", {"xyz": shape.xyz, "rpy": shape.rpy})
-    if shape.friction is not None:
-        origin += [comment(f"its friction with the ground is {shape.friction!r}, which URDF cannot state")]
+    for name in ("friction", "torsional_friction", "rolling_friction"):
+        if (value := getattr(shape, name)) is not None:
+            origin += [comment(f"its {name.replace('_', ' ')} is {value!r}, which URDF cannot state")]
     if shape.surface is not None:
-        origin += [comment(f"its surface moves: {shape.surface!r}; URDF cannot state that, the TOML of a link can")]
+        origin += [comment("its surface moves as the TOML file says")]
     return element("collision", {"name": shape.name or None}, [*origin, *element("geometry", {}, geometry)])
 
 
@@ -191,9 +192,12 @@ def _stated(part: Any) -> dict[str, Any]:
 def _of_link(model: Model, link: Link) -> dict[str, Any]:
     """Return what URDF cannot state of a link."""
     found: dict[str, Any] = {"gravity_compensation": link.gravity_compensation} if link.gravity_compensation else {}
-    moving = {shape.surface for shape in model.shapes if shape.link == link.name}
-    if len(moving) == 1 and (surface := moving.pop()) is not None:
-        found["surface"] = asdict(surface)
+    stated = (shape for shape in model.shapes if not isinstance(shape.geometry, Hull | HeightField))
+    moving = [shape.surface for shape in stated if shape.link == link.name]
+    if any(moving):
+        rests = any(point.surface is None for point in model.contacts if point.link == link.name)
+        each = tuple(asdict(surface) if surface else {} for surface in moving)
+        found["surface"] = each if rests or len({*moving}) > 1 else each[0]
     return found
 
 

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..model import Base, ContactPoint, Immersed, Joint, Link, Loop, Propeller, Servo, Supply, Tendon
+from ..model import Base, ContactPoint, Immersed, Joint, Link, Loop, Propeller, Servo, Supply, Surface, Tendon
 from ..model.checks import check, field_flaws
 from ..model.degrees import ball_name, by_degree, degrees_of, is_first
 from ..model.fluid import check_propellers
@@ -23,7 +23,7 @@ from .servos import read_servos
 from .toml import Problems, beside, check_keys, name_pairs_of, number, read_toml, real, record, surface, table_of
 
 OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
-    "links": ("gravity_compensation", "surface"),  # the latter of its shapes and contact points
+    "links": ("gravity_compensation", "surface"),  # the latter of its shapes and contact points, or one of each shape
     "joints": ("upper", "armature", "stiffness", "spring_reference", "quadratic_stiffness", "cubic_stiffness",
         "quadratic_damping", "cubic_damping"),
 }
@@ -131,7 +131,7 @@ def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Jo
 
     def stated(own: dict[str, Any], key: str, what: str) -> Any:
         if key not in declared:
-            return surface(own, key, what)
+            return _surfaces(own, key, what) if isinstance(own[key], list) else surface(own, key, what)
         value = number(own, key, what)
         check(field_flaws(what, key, value, declared[key]))
         return value
@@ -150,6 +150,13 @@ def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Jo
         return found
 
     return _each(inside, inside, read)
+
+
+def _surfaces(own: dict[str, Any], key: str, what: str) -> tuple[Surface | None, ...]:
+    """Read how the surface of each shape of a link moves; an empty table stands for one at rest."""
+    if not all(isinstance(row, dict) for row in own[key]):
+        raise ValueError(f"{what}: {key} is {own[key]!r}; expected a table for each shape: write {{}} for one at rest")
+    return tuple(record(Surface, row, f"{what}: {key}[{k}]") if row else None for k, row in enumerate(own[key]))
 
 
 def _quaternion(values: Any, what: str) -> tuple[float, ...]:

@@ -109,6 +109,37 @@ def test_surfaces_of_links_and_obstacles_stand_in_toml_and_mjcf(tmp_path):
             np.testing.assert_allclose(_at(shape.surface, x), _at(of, x), atol=1e-12)
 
 
+BELT = Surface((1.0, 0.0, 0.0), drive="belt", command=0.0)
+
+
+@pytest.mark.parametrize(
+    ("moving", "rest"), [((BELT, BELT), True), ((BELT, None), True), ((None, Surface()), False), ((BELT, BELT), False)]
+)
+def test_surfaces_that_differ_on_a_link_are_saved_as_they_are(tmp_path, moving, rest):
+    """Each shape and each contact point of a link keeps its own surface, or none."""
+    box = Box((0.2, 0.2, 0.2))
+    shapes = tuple(Shape("a", box, (0.3 * k, 0.0, 0.0), surface=one) for k, one in enumerate(moving))
+    points = ContactPoint("a", (0.0, 0.0, -0.1), surface=BELT), ContactPoint("a", (0.1, 0.0, -0.1))
+    links = Link("a", 1.0, inertia=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1)), Link("b")
+    joint = Joint("j", "fixed", "a", "b")
+    model = Model("tank", links, (joint,), "floating", shapes=shapes, contacts=points[: 1 + rest])
+    save_robot(model, tmp_path / "tank.urdf")
+    again = load_robot(tmp_path / "tank.urdf")
+    assert [shape.surface for shape in again.shapes] == list(moving)
+    assert again.contacts == model.contacts
+
+
+def test_lists_of_surfaces_have_one_for_each_shape(tmp_path):
+    shapes = tuple(Shape("a", Box((0.2, 0.2, 0.2)), surface=one) for one in (BELT, None))
+    link = Link("a", 1.0, inertia=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1))
+    save_robot(Model("tank", (link,), (), shapes=shapes), tmp_path / "tank.urdf")
+    text = (tmp_path / "tank.toml").read_text()
+    for wrong, says in (("{}, {}]", r"links\.a.*3 surfaces.*2 shapes"), ("3]", r"line \d+: links\.a: surface")):
+        (tmp_path / "tank.toml").write_text(text.replace("{}]", wrong))
+        with pytest.raises(RobotFileError, match=says):
+            load_robot(tmp_path / "tank.urdf")
+
+
 def _at(surface, x):
     """Return the velocity of a surface at a place."""
     return surface.command * (surface.velocity + np.cross(surface.turning, np.subtract(x, surface.center)))
