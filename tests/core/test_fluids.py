@@ -147,6 +147,7 @@ def test_forces_have_continuous_slopes():
 # ---------------------------------------------------------------------------------------------- motion
 
 
+@pytest.mark.long
 def test_a_sphere_falls_at_the_terminal_speed_of_its_drag():
     r, m, C = 0.03, 0.2, 0.47
     scene = compile_scene(floating(Sphere(r), m, drag=C), fluid=Fluid(WATER))
@@ -203,6 +204,7 @@ def test_bodies_float_and_bob_as_their_waterplane_says(name, added):
     assert z.min() == pytest.approx(-size, rel=1e-2)  # about the depth at which it floats
 
 
+@pytest.mark.long
 def test_a_body_comes_to_rest_at_its_depth():
     shape, mass, depth, _ = FLOATS["box"]
     model = floating(shape, mass, linear_damping=200.0, turning_damping=1.0)

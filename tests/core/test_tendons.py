@@ -129,6 +129,7 @@ def test_a_moving_base_changes_no_length():
     np.testing.assert_allclose((tendon_jacobian(model, q) @ qd[..., None])[..., 0], 0.0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_mass_hung_from_the_world_bobs_with_its_period():
     """A free body below a point of the world: m x'' = -K x about rest."""
     m, K, g = 0.8, 50.0, 9.81
@@ -144,6 +145,7 @@ def test_a_mass_hung_from_the_world_bobs_with_its_period():
     assert tendon_lengths(bob, start)[0] == pytest.approx(m * g / K + 0.1, abs=1e-14)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["dop853", "implicit_euler"])
 def test_energy_of_a_robot_hung_from_the_world(integrator):
     model = anchored(random_tree(5, 3, base="floating"))

@@ -167,6 +167,7 @@ def test_a_rod_between_its_shanks_helps_a_humanoid_to_stand():
     assert np.ptp(run["loop_force"][1:], axis=0).max() < 1e-6
 
 
+@pytest.mark.long
 def test_joints_without_motors_that_loops_do_not_hold_are_told():
     model = servo_four_bar()
     loose = Joint("loose", "revolute", "rocker", "weight", axis=(0.0, 1.0, 0.0), lower=-9.0, upper=9.0)
@@ -202,6 +203,7 @@ def test_a_ball_joint_is_held_by_the_moment_of_the_weight_in_its_axes():
     np.testing.assert_allclose(found.torque, moment, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_servo_holds_a_linkage_whose_rod_turns_on_ball_joints():
     """An RSSR linkage: crank and rocker turn about skew axes, the rod's ball joints have no motors."""
     light = {"mass": 0.1, "inertia": (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)}

@@ -274,6 +274,7 @@ def test_a_weight_on_a_rod_pulls_with_its_weight(integrator):
     assert run["q"][-1, 0] == pytest.approx(0.0, abs=1e-15)
 
 
+@pytest.mark.long
 def test_forces_of_loops_are_those_of_the_accelerations_and_do_no_work():
     model, tau = slider_crank(), np.array([2.0, 0.0, 0.0])
     scene = compile_scene(model)
@@ -322,6 +323,7 @@ def test_a_chain_of_fifty_links_hung_at_both_ends_hangs_as_a_catenary_and_swings
     assert max(np.abs(loop_gaps(chain, one)).max() for one in swing["q"]) < 1e-10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
 def test_a_mass_on_a_rod_turns_on_without_gaining_speed(integrator):
     """Check the speed of a mass that turns by 0.2 rad a step for 6 turns.

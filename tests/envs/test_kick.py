@@ -53,6 +53,7 @@ def test_gymnasium_finds_nothing_wrong(scene):
     made.close()
 
 
+@pytest.mark.long
 def test_a_kick_scores_and_chance_does_not(scene):
     """What is rewarded besides goal and effort is the way of the ball, whose speed is taken at the end of each step."""
     env = Kick(scene, scale=1.0, duration=3.0)
