@@ -22,6 +22,7 @@ from featherstone_gait import (
     Shape,
     Sphere,
     Surface,
+    body,
     load_robot,
     load_scene,
     save_robot,
@@ -138,6 +139,42 @@ def test_lists_of_surfaces_have_one_for_each_shape(tmp_path):
         (tmp_path / "tank.toml").write_text(text.replace("{}]", wrong))
         with pytest.raises(RobotFileError, match=says):
             load_robot(tmp_path / "tank.urdf")
+
+
+def test_mjcf_says_that_it_loses_drives_and_commands_of_surfaces(tmp_path):
+    link, box = Link("a", 1.0, inertia=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1)), Box((0.2, 0.2, 0.2))
+    shapes = Shape("a", box, surface=BELT), Shape("a", box, (0.3, 0.0, 0.0), surface=Surface((1.0, 0.0, 0.0)))
+    still = Model("tank", (link,), (), "floating", shapes=(Shape("a", box),))
+    save_robot(still, tmp_path / "tank.xml")
+    assert "drives" not in (tmp_path / "tank.xml").read_text()
+    save_robot(replace(still, shapes=shapes), tmp_path / "tank.xml")
+    hall = SceneModel("hall", [Placed(replace(still, shapes=shapes), "tank", (0.0, 0.0, 1.0))])
+    save_scene(hall, tmp_path / "hall.xml")
+    for file in ("tank.xml", "hall.xml"):
+        text = (tmp_path / file).read_text()
+        assert "left out the drives belt, a " in text
+        assert "whose first command is 0, of the drives belt " in text
+
+
+@pytest.mark.parametrize("geometry", [Sphere(0.1), None])
+def test_what_rolls_is_slowed_down_in_mujoco_by_what_is_saved(tmp_path, geometry):
+    """A solid ball and a wheel lose rho g m / (m r + I / r) of their speed in a second."""
+    mujoco, rho, r = pytest.importorskip("mujoco"), 2e-3, 0.1
+    rim = ContactPoint("body", (0.0, 0.0, 0.0), circle_radius=r, axis=(0.0, 1.0, 0.0), rolling_friction=rho)
+    link = Link("body", 1.0, inertia=(4e-3, 0.0, 0.0, 4e-3, 0.0, 4e-3))
+    wheel = Model("body", (link,), (), "floating", contacts=(rim,))
+    ball, ground = wheel if geometry is None else body(geometry, 1.0, rolling_friction=rho), Ground(penetration=1e-4)
+    save_robot(ball, tmp_path / "robot.xml", ground)
+    save_scene(SceneModel("x", [Placed(ball, "ball", (0.0, 0.0, r))], ground=ground), tmp_path / "scene.xml")
+    for file in ("robot.xml", "scene.xml"):
+        m = mujoco.MjModel.from_xml_path(str(tmp_path / file))
+        d, m.opt.timestep = mujoco.MjData(m), 1e-3
+        d.qpos[2], d.qvel[0], d.qvel[4] = r - 1e-4, 0.5, 0.5 / r
+        mujoco.mj_step(m, d, 1000)
+        assert 0.5 - d.qvel[0] == pytest.approx(rho * 9.81 / (1.4 * r), rel=2e-3)
+    robot, scene = load_robot(tmp_path / "robot.xml", contacts="all"), load_scene(tmp_path / "scene.xml")
+    for again in (robot, scene.members[0].model):
+        assert {point.rolling_friction for point in again.contacts} == {rho}
 
 
 def _at(surface, x):

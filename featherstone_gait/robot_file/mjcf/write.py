@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike
 
 from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_from_rpy, rpy_from_rotation
-from ...model import Ground, Joint, Link, Model, Placement, RigidBody, inertia_matrix, rigid_bodies
+from ...model import ContactPoint, Ground, Joint, Link, Model, Placement, RigidBody, inertia_matrix, rigid_bodies
 from ...model.degrees import degrees_of, written_degrees
 from ...model.rigid_bodies import depth_first_joints, held_frame
+from ...model.shapes import Shape
 from ..markup import comment, element
 from ..urdf import TRIANGLE_TOLERANCE
 from .loops import length_at_zero, loop_lines, rod_lines, site_lines
@@ -75,7 +76,6 @@ def _left_out(model: Model) -> list[str]:
     rollers = any(point.roller_angle is not None for point in model.contacts)
     shapes = ["immersed shapes"] * bool(model.immersed) + ["propellers"] * bool(model.propellers)
     tracks = any(point.surface is not None and point.circle_radius > 0 for point in model.contacts)
-    shapes += ["rolling resistance on the ground"] * any(point.rolling_friction for point in model.contacts)
     moved = ["surfaces that move on circles of contact"] * tracks
     return shapes + ["rollers of wheels"] * rollers + moved + ["sensors"] * bool(model.sensors)
 
@@ -101,8 +101,24 @@ def _remarks(model: Model, ground: Ground | None) -> list[str]:
         remarks.append("left out meshes that MuJoCo does not find or read: " + ", ".join(unread_meshes(model)))
     if hinges := [loop.name for loop in model.loops if loop.kind == "hinge"]:
         remarks.append("MJCF has no hinge among its loops; wrote two points of the axis of " + ", ".join(hinges))
+    remarks += _lost_drives(model)
     if model.contacts:
         remarks.append("contact points are small spheres and flat cylinders; shapes touch nothing beside them")
+    return remarks
+
+
+def _lost_drives(model: Model) -> list[str]:
+    parts: list[Shape | ContactPoint] = [*model.shapes, *(one for one in model.contacts if one.circle_radius == 0)]
+    moving = [(part.surface, part.surface.drive or part.link) for part in parts if part.surface]
+    if not moving:
+        return []
+    drives = ", ".join(dict.fromkeys(name for _, name in moving))
+    remarks = [
+        "MJCF knows no drives and commands of surfaces: each surface has the speed of its first command, and is read "
+        f"as one with a drive of its own, named like its geom; left out the drives {drives}"
+    ]
+    if still := ", ".join(dict.fromkeys(name for surface, name in moving if surface.command == 0)):
+        remarks.append(f"left out the velocities of surfaces whose first command is 0, of the drives {still}")
     return remarks
 
 

@@ -51,7 +51,8 @@ def geom_lines(model: Model, link: str) -> list[str]:
             lines += _shape_lines(k, names[k], shape, bits)
     for name, point in zip(names[len(model.shapes) :], model.contacts):
         if point.link == link:
-            lines += element("geom", {"name": name, **_point(point), **MASSLESS, **TOUCHING})
+            moments = _moments(point.friction, None, point.rolling_friction or None)
+            lines += element("geom", {"name": name, **_point(point), **MASSLESS, **TOUCHING, **moments})
     return lines
 
 
@@ -59,7 +60,8 @@ def _names(model: Model) -> list[str]:
     """Return names of the shapes, then of the contact points; empty for a shape that has and needs none."""
     names: list[str] = []
     for k, shape in enumerate(model.shapes):
-        name = shape.name or ("" if shape.friction is None else f"shape{k}")
+        paired = shape.friction is not None or shape.rolling_friction
+        name = shape.name or (f"shape{k}" if paired else "")
         names.append(unused(name, [FLOOR, *names]) if name else "")
     for k in range(len(model.contacts)):
         names.append(unused(f"contact{k}", [FLOOR, *names]))
@@ -67,16 +69,21 @@ def _names(model: Model) -> list[str]:
 
 
 def pair_lines(model: Model, ground: Ground | None) -> list[str]:
-    """Write what touches the ground with a friction of its own as pairs with the floor."""
+    """Write what touches the ground with a friction of its own, or resists rolling, as pairs with the floor.
+
+    In pairs, since the floor's friction has priority over that of a geom.
+    """
     if ground is None:
         return []
     written = [bool(_geometry(k, shape.geometry)) and not model.contacts for k, shape in enumerate(model.shapes)]
-    frictions = [item.friction for item in model.shapes] + [item.friction for item in model.contacts]
+    items: list[Shape | ContactPoint] = [*model.shapes, *model.contacts]
     lines = []
-    for name, mu, touches in zip(_names(model), frictions, [*written, *[True] * len(model.contacts)]):
-        if touches and mu is not None:
-            friction = (mu, mu, *ROLLING, ROLLING[-1])
-            lines += element("pair", {"geom1": FLOOR, "geom2": name, "friction": friction, **_give(model, ground)})
+    for name, item, touches in zip(_names(model), items, [*written, *[True] * len(model.contacts)]):
+        mu, rolls = ground.friction if item.friction is None else item.friction, item.rolling_friction
+        if touches and (rolls or item.friction is not None):
+            friction = (mu, mu, 0.0, rolls, rolls) if rolls else (mu, mu, *ROLLING, ROLLING[-1])
+            stated = {"geom1": FLOOR, "geom2": name, "condim": "6" if rolls else None, "friction": friction}
+            lines += element("pair", stated | _give(model, ground))
     return lines
 
 
@@ -91,7 +98,8 @@ def _shape_lines(k: int, name: str, shape: Shape, bits: dict[str, str]) -> list[
         x, y, z = (np.array(place) + applied(rotation_from_rpy(shape.rpy), np.array(low))).tolist()
         place = (x, y, z)
     attributes = {"name": name or None, **stated, "pos": place, "euler": shape.rpy, **MASSLESS, **bits}
-    return element("geom", attributes | _moments(shape) | _surface(shape.surface, place, shape.rpy))
+    moments = _moments(shape.friction, shape.torsional_friction, shape.rolling_friction)
+    return element("geom", attributes | moments | _surface(shape.surface, place, shape.rpy))
 
 
 def _surface(surface: Surface | None, place: Vector, rpy: Vector) -> dict[str, Any]:
@@ -104,13 +112,12 @@ def _surface(surface: Surface | None, place: Vector, rpy: Vector) -> dict[str, A
     return {"surfacevel": tuple(surface.command * float(x) for x in both)}
 
 
-def _moments(shape: Shape) -> dict[str, Any]:
+def _moments(sliding: float | None, torsional: float | None, rolling: float | None) -> dict[str, Any]:
     """Write what resists spinning and rolling."""
-    torsional, rolling = shape.torsional_friction, shape.rolling_friction
     if torsional is None and rolling is None:
         return {}
-    sliding = 1.0 if shape.friction is None else shape.friction
-    return {"condim": "4" if rolling is None else "6", "friction": (sliding, torsional or 0.0, rolling or 0.0)}
+    friction = 1.0 if sliding is None else sliding, torsional or 0.0, rolling or 0.0
+    return {"condim": "4" if rolling is None else "6", "friction": friction}
 
 
 def _geometry(k: int, geometry: Geometry) -> dict[str, Any]:
