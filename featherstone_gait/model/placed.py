@@ -6,7 +6,7 @@ import difflib
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..base.arguments import instance, listed, shown, texts, truth
 from ..base.brief import brief, clipped
@@ -18,7 +18,7 @@ from .links import Vector
 from .loop import Loop
 from .pair_contact import GROUND, NONE, PAIR_REMEDY, PairContact, name_pairs, pair_contact
 from .robot import Model
-from .sensor import WORLD, SampledSensor, Sensor, check_sensors
+from .sensor import SampledSensor, Sensor, check_sensors
 
 SEPARATOR = "/"  # between the names of a model and of its link or joint
 OF_SCENE = "scene"  # the gearbox that is given to compile_scene
@@ -176,7 +176,8 @@ class SceneModel:
         object.__setattr__(self, "loops", tuple(listed("scene: loops", self.loops, "give a list of Loop")))
         check_scene_loops(self.members, self.loops)
         links = [link_name(placed.name, link.name) for placed in self.members for link in placed.model.links]
-        object.__setattr__(self, "sensors", check_sensors("scene", self.sensors, [*links, WORLD]))
+        others = [replace(one, name=link_name(at.name, one.name)) for at in self.members for one in at.model.sensors]
+        object.__setattr__(self, "sensors", check_sensors("scene", self.sensors, links, others))
 
     def _name_flaws(self) -> Iterator[str]:
         if not self.members:

@@ -33,7 +33,7 @@ from .loop import Loop, check_loops
 from .mass_checks import by_body, indefinite_flaws
 from .pair_contact import name_pairs
 from .rigid_bodies import Frame, Placement, RigidBody, depth_first_joints, lay_out, merge
-from .sensor import WORLD, SampledSensor, Sensor, check_sensors
+from .sensor import SampledSensor, Sensor, check_sensors
 from .servo import Servo, Supply
 from .shapes import Shape
 from .tendon import Tendon, check_tendons
@@ -146,8 +146,7 @@ class Model:
         check_tendons(self.links, self.degrees.joints, self.tendons)
         check_links("immersed", self.links, (shape.link for shape in self.immersed))
         check_propellers(self.joints, self.propellers)
-        links = [*(link.name for link in self.links), WORLD]
-        object.__setattr__(self, "sensors", check_sensors(what, self.sensors, links))
+        object.__setattr__(self, "sensors", check_sensors(what, self.sensors, [link.name for link in self.links]))
         check_can_move(self.joints, self.held)
         for name, q in self.keyframes.items():
             check(vector_flaws(f"keyframe {name!r}", "q", q, self.nq))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any, TypeAlias, get_args
 
@@ -15,10 +15,20 @@ from ..base.brief import brief
 from ..base.fixed_order import applied, total
 from ..base.flaws import quoted
 from ..base.rotation import rotation_from_rpy
+from ..core.step.state import BY_NAME, RECORDABLE
 from .checks import LARGEST, check, quantity, quantity_flaws, vector_flaws
 
 PARALLEL = 1e-9  # length of a direction below which it is none
 WORLD = "world"
+BUILT_IN: dict[str, tuple[str, ...]] = {  # sensors of every scene, and the channels that they need
+    "encoders": ("q",),
+    "gyroscope": ("base_qd",),
+    "accelerometer": ("base_q", "base_qd", "base_qdd"),
+    "sole_forces": ("contact_force", "q", "base_q"),
+    "center_of_pressure": ("contact_force", "q", "base_q"),
+    "contact_positions": ("q", "base_q"),
+}
+RESERVED = frozenset({*BY_NAME, *BUILT_IN, "time"})  # what records have under names of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +165,8 @@ class RangeSensor:
         RangeSensor
             The sensor.
         """
+        if not (curve := _curve(curve)):
+            raise ValueError("range sensor: curve is empty; give distances [m], rising, and voltages [V]")
         return cls(link, **{"directions": [[1.0, 0.0, 0.0]], "curve": curve, "name": "infrared", **more})
 
     def voltage(self, distance: ArrayLike) -> np.ndarray:
@@ -330,7 +342,8 @@ class SampledSensor:
     seed : int
         Seed of the noise.
     name : str
-        Name in what a session observes and a run records; empty: that of the sensor.
+        Name in what a session observes and a run records; empty: that of a sensor that is given as such, "sampled q"
+        of one that is named "q".
 
     Raises
     ------
@@ -341,7 +354,7 @@ class SampledSensor:
     --------
     >>> from featherstone_gait import SampledSensor
     >>> SampledSensor("gyroscope", noise=1e-3, rate=200.0, delay=0.01)
-    SampledSensor(sensor='gyroscope', noise=0.001, rate=200, delay=0.01, name='gyroscope')
+    SampledSensor(sensor='gyroscope', noise=0.001, rate=200, delay=0.01, name='sampled gyroscope')
     """
 
     sensor: str | Sensor
@@ -366,22 +379,43 @@ class SampledSensor:
             raise ValueError(f"{what}: noise is {shown(self.noise)}; give standard deviations >= 0")
         object.__setattr__(self, "noise", float(several) if several.ndim == 0 else tuple(several.tolist()))
         if not self.name:
-            object.__setattr__(self, "name", self.sensor if isinstance(self.sensor, str) else self.sensor.name)
+            exact = self.sensor
+            object.__setattr__(self, "name", f"sampled {exact}" if isinstance(exact, str) else exact.name)
 
 
-def check_sensors(what: str, sensors: Any, links: Collection[str]) -> tuple[Sensor | SampledSensor, ...]:
-    """Return sensors of a robot or scene; raise ValueError for links that are not there and names that come again."""
+def check_sensors(
+    what: str, sensors: Any, links: Collection[str], others: Iterable[Sensor | SampledSensor] = ()
+) -> tuple[Sensor | SampledSensor, ...]:
+    """Return sensors of a robot or scene.
+
+    Raises ValueError for links and sensors that are not there, and for names that come again.
+
+    links: but for the world; others: sensors that `SampledSensor`s may name beside these.
+    """
     found = tuple(listed(f"{what}: sensors", sensors, "give a list of sensors"))
-    names = set[str]()
+    names, exact = set[str](), [one.name for one in (*others, *found) if not isinstance(one, SampledSensor)]
     for one in found:
         instance(f"{what}: sensors", one, (*get_args(Sensor), SampledSensor), "give sensors, such as RangeSensor(...)")
         inner = one.sensor if isinstance(one, SampledSensor) else one
-        if not isinstance(inner, str) and inner.link not in links:
+        if isinstance(inner, str):
+            if inner == "sole_forces" or inner not in (*RECORDABLE, *BUILT_IN, *exact):
+                raise ValueError(
+                    f"{what}: sampled sensor {one.name!r} is of {inner!r}; give a channel, or one of "
+                    f"{quoted([*(name for name in BUILT_IN if name != 'sole_forces'), *exact])}"
+                )
+        elif inner.link not in ([*links, WORLD] if isinstance(inner, RangeSensor | LineSensor) else links):
             raise ValueError(f"{what}: sensor {one.name!r} is on {inner.link!r}; links: {quoted(links)}")
+        check_name(what, one.name)
         if not one.name or "/" in one.name or one.name in names:
             raise ValueError(f"{what}: a sensor is called {one.name!r}; give each a name of its own, without '/'")
         names.add(one.name)
     return found
+
+
+def check_name(what: str, name: str) -> None:
+    """Raise ValueError for the name of a sensor that a channel or a sensor of every scene has."""
+    if name in RESERVED:
+        raise ValueError(f"{what}: a sensor is called {name!r}, as is what every scene records; give it another name")
 
 
 def _check_place(sensor: Any, what: str) -> None:
@@ -396,11 +430,11 @@ def _check_place(sensor: Any, what: str) -> None:
 
 def _curve(given: ArrayLike) -> tuple[tuple[float, float], ...]:
     """Return distances and voltages; raise ValueError for what is no curve."""
-    remedy = "give distances [m], rising, and voltages [V]"
+    remedy = "give distances [m], from 0 on and rising, and voltages [V]"
     curve = np.asarray(floats("range sensor: curve", given, remedy))
     if curve.size and (curve.ndim != 2 or curve.shape[1] != 2 or len(curve) < 2 or not np.isfinite(curve).all()):
         raise ValueError(f"range sensor: curve is {shown(given)}; expected finite numbers (2 or more, 2): {remedy}")
-    if curve.size and not (np.diff(curve[:, 0], prepend=0.0)[1:] > 0.0).all():
+    if curve.size and not (curve[0, 0] >= 0.0 and (np.diff(curve[:, 0]) > 0.0).all()):
         raise ValueError(f"range sensor: the distances of curve are {shown(curve[:, 0].tolist())}; {remedy}")
     return tuple((float(d), float(v)) for d, v in curve) if curve.size else ()
 

@@ -7,7 +7,8 @@ them those of `SampledSensor`, if the sensor is one.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import fields
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -48,8 +49,8 @@ def _read(row: Mapping[str, Any], what: str) -> Any:
     make, more = MADE.get(kind, (KINDS.get(kind, RangeSensor), ()))
     own = tuple(f for f in own if kind in KINDS or f.name != "directions")
     check_keys(row, ("kind", *(f.name for f in own), *more, *SAMPLED), what)
-    missing = [name for name in ("link", *more) if name not in row]
-    missing += [f.name for f in own if f.default is MISSING and f.name not in row]
+    asked = signature(make).parameters.values()
+    missing = [p.name for p in asked if p.default is p.empty and p.kind is not p.VAR_KEYWORD and p.name not in row]
     if missing:
         raise ValueError(f"{what}: {missing[0]} is missing; add {missing[0]} = ...")
     problems, given = Problems(), dict[str, Any]()
@@ -58,30 +59,30 @@ def _read(row: Mapping[str, Any], what: str) -> Any:
             with problems.at(row, f.name):
                 given[f.name] = READ[str(f.type)](row, f.name, what)
     for name in more:
-        with problems.at(row, name):
-            given[name] = number(row, name, what)
+        if name in row:
+            with problems.at(row, name):
+                given[name] = _number(row, name, what)
     problems.raise_all()
     with at(row):
-        if "rays" in given:
-            given["rays"] = _whole(given["rays"])
         return _sampled(row, make(**given), what)
 
 
-def _whole(value: float) -> Any:
-    """Return a whole number as such: the class refuses others."""
+def _number(row: Mapping[str, Any], key: str, what: str) -> Any:
+    """Return the number under a key, a whole one as such: some of a sensor's are to be whole, and seeds have digits."""
+    value = number(row, key, what)
+    if isinstance(row[key], int):
+        return row[key]
     return int(value) if value.is_integer() else value
 
 
 def _sampled(row: Mapping[str, Any], sensor: Any, what: str) -> Any:
     """Return the sensor with its noise, rate, delay and seed, if the table states any."""
-    given: dict[str, Any] = {name: number(row, name, what) for name in SAMPLED[1:] if name in row}
+    given: dict[str, Any] = {name: _number(row, name, what) for name in SAMPLED[1:] if name in row}
     if "noise" in row:
         several = row["noise"] if isinstance(row["noise"], list) else None
         given["noise"] = (
             number(row, "noise", what) if several is None else tuple(real(x, f"{what}: noise") for x in several)
         )
-    if "seed" in given:
-        given["seed"] = _whole(given["seed"])
     return SampledSensor(sensor, **given) if given else sensor
 
 

@@ -13,7 +13,7 @@ from ..model.checks import check, field_flaws
 from ..model.degrees import ball_name, by_degree, degrees_of, is_first
 from ..model.fluid import check_propellers
 from ..model.loop import check_loops
-from ..model.sensor import WORLD, SampledSensor, Sensor
+from ..model.sensor import SampledSensor, Sensor
 from ..model.tendon import check_tendons
 from ..model.tree_checks import check_links, check_locked
 from .report import Report
@@ -98,7 +98,7 @@ def _section(
     if name == "propellers":
         return {name: records_of(Propeller, table[name], name, lambda found: check_propellers(joints, found))}
     if name == "sensors":
-        return {name: read_sensors(table[name], [*(link.name for link in links), WORLD])}
+        return {name: read_sensors(table[name], [link.name for link in links])}
     if name == "immersed":
         shapes = records_of(Immersed, table[name], name, lambda rows: check_links(name, links, (x.link for x in rows)))
         return {name: tuple(replace(shape, geometry=beside(shape.geometry, folder)) for shape in shapes)}

@@ -311,4 +311,6 @@ def written(value: str | float | tuple[Any, ...] | dict[str, Any]) -> str:
         return f"{{{', '.join(f'{key} = {written(x)}' for key, x in value.items())}}}"
     if isinstance(value, tuple):
         return f"[{', '.join(written(x) for x in value)}]"
+    if isinstance(value, int) and abs(value) < 2**63:  # as a float a seed would lose digits
+        return repr(value)
     return repr(float(value))

@@ -12,7 +12,16 @@ import numpy as np
 from ..base.arguments import instance, listed, shown, whole
 from ..base.portable_math import log, sincos
 from ..core.step.state import RECORDABLE
-from ..model.sensor import ContactSensor, ForceTorqueSensor, LineSensor, RangeSensor, SampledSensor, Sensor
+from ..model.sensor import (
+    BUILT_IN,
+    ContactSensor,
+    ForceTorqueSensor,
+    LineSensor,
+    RangeSensor,
+    SampledSensor,
+    Sensor,
+    check_name,
+)
 from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from . import sensors
@@ -25,12 +34,7 @@ OBJECTS = (*get_args(Sensor), SampledSensor)
 MOVING = ("base_q", "base_qd", "base_qdd", "q", "qd", "qdd")
 PUSHED = ("contact_force", "pair")
 NAMED: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
-    "encoders": (sensors.encoders, ("q",)),
-    "gyroscope": (sensors.gyroscope, ("base_qd",)),
-    "accelerometer": (sensors.accelerometer, ("base_q", "base_qd", "base_qdd")),
-    "sole_forces": (sensors.sole_forces, ("contact_force", "q", "base_q")),
-    "center_of_pressure": (sensors.center_of_pressure, ("contact_force", "q", "base_q")),
-    "contact_positions": (sensors.contact_positions, ("q", "base_q")),
+    name: (getattr(sensors, name), needed) for name, needed in BUILT_IN.items()
 }
 KINDS: dict[type, tuple[Callable[..., Any], tuple[str, ...]]] = {
     RangeSensor: (ranges, ("base_q", "q")),
@@ -116,13 +120,13 @@ def noise_of(
 ) -> np.ndarray | float:
     """Return the noise (n, *shape) of measurements (n,) by their number, of one robot or of one each."""
     deviation = np.array(sensor.noise)
-    if not deviation.any():
-        return 0.0
     if deviation.ndim and deviation.shape != shape[-1:]:
         raise ValueError(
             f"sampled sensor {sensor.name!r}: noise has {len(deviation)} entries; it reads {shape}: give one number, "
             f"or {shape[-1] if shape else 1}"
         )
+    if not deviation.any():
+        return 0.0
     key = _mixed(np.uint64(sensor.seed))
     for part in (crc32(sensor.name.encode()), robot, number):
         key = _mixed(key ^ np.asarray(part).astype(np.uint64))
@@ -153,13 +157,13 @@ def resolved(scene: CompiledScene, what: Any, who: str = "observe") -> Any:
         if isinstance(inner, SampledSensor):
             raise ValueError(f"sampled sensor {what.name!r}: {what.sensor!r} is sampled already: change the model's")
         return what if isinstance(inner, str) else replace(what, sensor=inner)
+    own = scene.sensors
+    if isinstance(what, str) and what in own:
+        return resolved(scene, own[what], who)
     if not isinstance(what, str) or what in NAMED or current_name(what) in RECORDABLE:
         return what
-    own = scene.sensors
-    if what not in own:
-        known = ", ".join((*RECORDABLE, *NAMED, *own))
-        raise ValueError(f"{who}: there is no channel or sensor {shown(what)}; there are {known}")
-    return own[what]
+    known = ", ".join((*RECORDABLE, *NAMED, *own))
+    raise ValueError(f"{who}: there is no channel or sensor {shown(what)}; there are {known}")
 
 
 def found(what: What, who: str = "observe") -> tuple[Callable[..., Any], tuple[str, ...]]:
@@ -197,6 +201,15 @@ def name_of(what: Any) -> Any:
     return what.name if isinstance(what, OBJECTS) else what
 
 
+def check_names(given: Iterable[Any], who: str) -> None:
+    """Raise ValueError for sensors that are called alike, or as a channel or a sensor of every scene."""
+    names = [one.name for one in given if isinstance(one, OBJECTS)]
+    for name in names:
+        check_name(who, name)
+    if len(set(names)) < len(names):
+        raise ValueError(f"{who}: two have the same name; the sensors are called {', '.join(names)}")
+
+
 class Chosen(NamedTuple):
     """What is to be recorded."""
 
@@ -215,10 +228,9 @@ def split(scenes: Sequence[CompiledScene], record: Iterable[Any] | None) -> Chos
     chosen = [one for one in given if isinstance(one, OBJECTS) or (isinstance(one, str) and one in NAMED)]
     if not chosen:
         return Chosen(tuple(given), frozenset(), [])
-    names = list(map(name_of, given))
-    if "sole_forces" in chosen or len(set(names)) < len(names):
-        why = "sole_forces are several arrays, by link" if "sole_forces" in chosen else "two have the same name"
-        raise ValueError(f"record: {why}; the names are {', '.join(map(str, names))}")
+    check_names(given, "record")
+    if "sole_forces" in chosen:
+        raise ValueError("record: sole_forces are several arrays, by link; record contact_force, and call sole_forces")
     channels = [one for one in given if one not in chosen]
     needed = [name for one in chosen for scene in scenes for name in here(scene, one)]
     kept = frozenset(current_name(one) for one in channels if isinstance(one, str))

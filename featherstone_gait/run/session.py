@@ -39,7 +39,7 @@ from .compiled_run import CompiledRun
 from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, edges_on_steps, second_run
 from .fleet import Fleet
 from .lane_constants import numbers_in
-from .measure import What, resolved, split, with_readings
+from .measure import What, check_names, resolved, split, with_readings
 from .observation import Log, SampledView, view_of
 from .prepare import coordinates, each_once, most_ticks, prepare, steps_between_records, with_tolerance
 from .program import CompiledController, open_loop, with_ticks
@@ -155,6 +155,7 @@ class Session:
         check_scene(scene)
         self._given = given
         seen = tuple(resolved(scene, one) for one in _names(observe))
+        check_names(seen, "observe")
         given |= {"observe": seen, "record": tuple(_names(record, "record"))}
         self.action: Action = _action(scene, action, controller)
         scenes, self.n = _scenes(scene, n, worlds)

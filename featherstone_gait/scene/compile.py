@@ -25,7 +25,7 @@ from ..core.step.context import Scene
 from ..model import Controller, Fluid, Ground, Loop, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, pair_contact
 from ..model.placed import Placed, SceneModel, check_scene_loops, link_name
-from ..model.sensor import WORLD, SampledSensor, Sensor
+from ..model.sensor import RESERVED, WORLD, SampledSensor, Sensor
 from ..model.tendon import ball_limit, spring_tendon
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import ByChannel, StateView
@@ -436,7 +436,8 @@ def _of_member(sensor: Any, member: str, name: str) -> Any:
     """Return the sensor of a member as one of the scene."""
     if isinstance(sensor, SampledSensor):
         if isinstance(sensor.sensor, str):
-            return replace(sensor, name=name)
+            exact = sensor.sensor if sensor.sensor in RESERVED else link_name(member, sensor.sensor)
+            return replace(sensor, sensor=exact, name=name)
         return replace(sensor, sensor=_of_member(sensor.sensor, member, name), name=name)
     return replace(sensor, link=sensor.link if sensor.link == WORLD else link_name(member, sensor.link), name=name)
 

@@ -99,7 +99,14 @@ def test_sensors_are_read_written_and_read_back(arm, tmp_path):
     again = load_robot(tmp_path / "again.urdf")
     for sensors in (found.sensors, again.sensors):
         assert all(map(same, sensors, wanted))
-    assert "left out the sensor 'q'" in (tmp_path / "again.toml").read_text("utf-8")
+    assert "left out the sensor 'sampled q'" in (tmp_path / "again.toml").read_text("utf-8")
+
+
+@pytest.mark.parametrize("seed", [2**53 + 1, 2**63 - 1])
+def test_seeds_keep_all_digits(arm, tmp_path, seed):
+    sensor = SampledSensor(ContactSensor("link7"), 0.1, seed=seed)
+    save_robot(replace(load_robot(arm), sensors=(sensor,)), tmp_path / "seeded.urdf")
+    assert load_robot(tmp_path / "seeded.urdf").sensors[0].seed == seed
 
 
 @pytest.mark.parametrize(
@@ -113,6 +120,11 @@ def test_sensors_are_read_written_and_read_back(arm, tmp_path):
         ('kind = "contact"\nlink = "link7"\nlimit = 2.0', r"line \d+: sensors\[0\]: unknown key 'limit'"),
         ('kind = "contact"\nlink = "link7"\nrate = -2.0', "rate is -2"),
         ('kind = "contact"\nlink = "link7"\nname = "a/b"', "without '/'"),
+        ('kind = "contact"\nlink = "link7"\nname = "q"', "a sensor is called 'q'"),
+        ('kind = "contact"\nlink = "world"', r"line \d+: .*is on 'world'; links: "),
+        ('kind = "infrared"\nlink = "link7"', r"line \d+: sensors\[0\]: curve is missing"),
+        ('kind = "infrared"\nlink = "link7"\ncurve = []', r"line \d+: .*curve"),
+        ('kind = "contact"\nlink = "link7"\nseed = 1.5', "seed is 1.5"),
     ],
 )
 def test_wrong_tables_are_named(arm, table, message):

@@ -8,12 +8,16 @@ import pytest
 
 from featherstone_gait import (
     ContactPoint,
+    ContactSensor,
     FloorLine,
+    ForceTorqueSensor,
     Ground,
     LineSensor,
+    Placed,
     RangeSensor,
     Reference,
     SampledSensor,
+    SceneModel,
     Session,
     compile_scene,
     forward_kinematics,
@@ -155,7 +159,7 @@ def whiteness(x):
 
 @pytest.mark.nojit
 def test_noise_has_its_deviation_and_is_white(arm):
-    n, deviation = 40000, 0.02
+    n, deviation = 120000, 0.02
     run = channels(np.zeros(n))
     sensor = SampledSensor("q", noise=deviation, seed=3)
     draws = {k: measure(arm, run, replace(sensor, seed=seed), k % 2)[:, 0] for k, seed in ((0, 3), (1, 3), (2, 4))}
@@ -164,7 +168,7 @@ def test_noise_has_its_deviation_and_is_white(arm):
         assert x.std() == pytest.approx(deviation, rel=5.0 / math.sqrt(2 * n))
         assert abs(x.mean()) < 5.0 * deviation / math.sqrt(n)
         assert whiteness(x) < 5.0 / math.sqrt(n)
-        assert ((x / deviation) ** 4).mean() == pytest.approx(3.0, rel=0.05)  # of a normal distribution
+        assert ((x / deviation) ** 4).mean() == pytest.approx(3.0, rel=0.05)  # of a normal distribution: 5 deviations
     assert np.abs(np.corrcoef([*draws.values()]) - np.eye(4)).max() < 5.0 / math.sqrt(n)
     both = SampledSensor(LineSensor("world", ((0.0, 0.0, 1.0), (0.1, 0.0, 1.0))), noise=(0.1, 0.3))
     spread = measure(arm, channels(np.zeros(4000)), both).std(axis=0)
@@ -200,7 +204,7 @@ def test_a_session_answers_what_runs_have_alone_and_in_a_batch(arm):
     alone = simulate(arm, ticks * session.tick, reference=references[5], estimate_error=False)
     for k, run in enumerate(runs):
         own = session.trajectory(k)
-        assert {*run} == {*own} == {"time", "q", "late", "dark", "encoders"}
+        assert {*run} == {*own} == {"time", "q", "late", "dark", "sampled encoders"}
         for name in own:
             assert np.array_equal(own[name], run[name])
             assert name == "time" or np.array_equal([one[name][k] for one in seen], run[name])
@@ -214,18 +218,68 @@ def test_a_session_goes_on_with_its_answers(arm, tmp_path):
     sampled = SampledSensor("q", noise=0.01, rate=50.0, delay=0.04)
     session = Session(arm, 2, observe=(sampled,))
     action = np.array([[0.2], [-0.2]])
-    first = [session.observe()["q"].copy(), *(session.step(action)["q"].copy() for _ in range(7))]
+    name = "sampled q"
+    first = [session.observe()[name].copy(), *(session.step(action)[name].copy() for _ in range(7))]
     session.reset(np.array([True, False]))
     other = session.copy()
     session.save(tmp_path / "kept.npz")
-    later = [session.observe()["q"].copy(), *(session.step(action)["q"].copy() for _ in range(7))]
+    later = [session.observe()[name].copy(), *(session.step(action)[name].copy() for _ in range(7))]
     assert np.array_equal([one[0] for one in later], [one[0] for one in first])
-    assert np.array_equal([other.observe()["q"], *(other.step(action)["q"].copy() for _ in range(7))][1:], later[1:])
+    assert np.array_equal([other.observe()[name], *(other.step(action)[name].copy() for _ in range(7))][1:], later[1:])
     fresh = Session(arm, 2, observe=(sampled,))
     fresh.restore(tmp_path / "kept.npz")
-    assert np.array_equal([fresh.step(action)["q"].copy() for _ in range(7)], later[1:])
+    assert np.array_equal([fresh.step(action)[name].copy() for _ in range(7)], later[1:])
     with pytest.raises(ValueError, match="another scene"):
         Session(arm, 2, observe=(replace(sampled, noise=0.02),)).restore(tmp_path / "kept.npz")
+
+
+def two_arms(arm, *sensors):
+    """A scene of two arms, each with these sensors."""
+    model = replace(arm.model, sensors=sensors)
+    return SceneModel("two", [Placed(model, name, (k, 0.0, 0.0)) for k, name in enumerate("ab")])
+
+
+@pytest.mark.nojit
+def test_a_sampled_sensor_names_another_sensor_of_its_robot(arm):
+    """By its own name it reads that sensor with noise, alone and in a scene of two robots."""
+    noisy = SampledSensor("down", noise=0.01, seed=2)
+    alone = replace(arm, model=replace(arm.model, sensors=(DOWN, noisy)))
+    run = channels(np.zeros(400))
+    exact, read = (measure(alone, run, name) for name in ("down", "sampled down"))
+    assert (read - exact).std() == pytest.approx(0.01, rel=0.2)
+    np.testing.assert_array_equal(read, measure(arm, run, SampledSensor(DOWN, noise=0.01, seed=2, name="sampled down")))
+    scene = compile_scene(two_arms(arm, DOWN, noisy), gearbox=None)
+    both = {"time": run["time"], "q": np.zeros((400, 2)), "base_q": np.zeros((400, 0, 7))}
+    for name in "ab":
+        wanted = SampledSensor(DOWN, noise=0.01, seed=2, name=f"{name}/sampled down")
+        np.testing.assert_array_equal(measure(scene, both, wanted.name), measure(scene, both, wanted))
+    SceneModel("two", two_arms(arm, DOWN).members, sensors=[SampledSensor("b/down", name="late")])
+
+
+@pytest.mark.nojit
+def test_sensors_are_called_otherwise_than_channels_and_each_other(arm):
+    """What is recorded under the name of a channel is the channel, of a built-in sensor that sensor."""
+    run = channels(np.zeros(40))
+    model = replace(arm.model, sensors=(SampledSensor("encoders", noise=1.0),))
+    scene = replace(arm, model=model)
+    assert measure(scene, run, "sampled encoders").std() > 0.5
+    assert not measure(scene, run, "encoders").any()
+    encoders, other = SampledSensor("q", name="encoders"), SampledSensor("q", name="other")
+    for make, message in (
+        (lambda: replace(model, sensors=(encoders,)), "a sensor is called 'encoders'"),
+        (lambda: SceneModel("two", two_arms(arm).members, sensors=(encoders,)), "a sensor is called 'encoders'"),
+        (lambda: replace(model, sensors=(replace(DOWN, name="time"),)), "a sensor is called 'time'"),
+        (lambda: Session(arm, observe=("q", SampledSensor("q", name="q"))), "observe: a sensor is called 'q'"),
+        (lambda: Session(arm, observe=(DOWN, replace(DOWN, reach=1.0))), "observe: two have the same name"),
+        (lambda: simulate(arm, 0.1, record=(encoders,)), "record: a sensor is called 'encoders'"),
+        (lambda: Session(arm, observe=(other, replace(other, seed=1))), "two have the same name"),
+        (lambda: replace(model, sensors=(SampledSensor("nonsense"),)), "is of 'nonsense'; give a channel, or one of"),
+        (lambda: replace(model, sensors=(other, SampledSensor("other"))), "is of 'other'"),
+        (lambda: replace(model, sensors=(SampledSensor("sole_forces"),)), "is of 'sole_forces'"),
+        (lambda: SceneModel("two", two_arms(arm, DOWN).members, sensors=[SampledSensor("down", name="x")]), "'down'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()
 
 
 def test_wrong_sensors_are_named(arm):
@@ -239,6 +293,11 @@ def test_wrong_sensors_are_named(arm):
         (lambda: FloorLine(((0.0, 0.0), (1.0, 0.0)), 0.0), "width is 0"),
         (lambda: Ground(lines=[((0.0, 0.0), (1.0, 0.0))]), "give FloorLine"),
         (lambda: RangeSensor.infrared("world", ((0.2, 1.0), (0.1, 2.0))), "rising"),
+        (lambda: RangeSensor.infrared("world", []), "curve is empty"),
+        (lambda: RangeSensor.infrared("world", ((-0.1, 1.0), (0.1, 2.0))), "from 0 on"),
+        (lambda: replace(arm.model, sensors=(ForceTorqueSensor("world"),)), "is on 'world'; links: "),
+        (lambda: replace(arm.model, sensors=(ContactSensor("world"),)), "is on 'world'; links: "),
+        (lambda: measure(arm, run, SampledSensor(DOWN, noise=(0.0, 0.0, 0.0))), "noise has 3 entries"),
         (lambda: DOWN.voltage(0.1), "make it with a curve"),
         (lambda: SampledSensor("q", noise=-1.0), "noise is -1"),
         (lambda: SampledSensor("q", rate=0.0), "rate is 0"),

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_from_rpy, rpy_from_rotation
-from ...model.sensor import LineSensor, RangeSensor, Sensor
+from ...model.sensor import RESERVED, LineSensor, RangeSensor, Sensor
 from ..mjcf.tree import unused
 from .differences import FLOOR, RAYS, Differences
 from .expression import Numbers
@@ -69,7 +69,7 @@ def read_sensor(
         differences.add(element, f"{what}: {MATTER}")
     if element.tag == FLOOR:
         differences.add(element, f"{what}: {SPOT}")
-    own = unused((name or element.tag).replace("/", "_"), taken)
+    own = unused((name or element.tag).replace("/", "_"), {*taken, *RESERVED})
     if own != name:
         differences.add(element, f"{what} is called {own!r} here")
     return _sensor(element, numbers, carrier, what, own)
