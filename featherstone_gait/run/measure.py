@@ -201,13 +201,15 @@ def name_of(what: Any) -> Any:
     return what.name if isinstance(what, OBJECTS) else what
 
 
-def check_names(given: Iterable[Any], who: str) -> None:
-    """Raise ValueError for sensors that are called alike, or as a channel or a sensor of every scene."""
+def check_names(given: Iterable[Any], who: str) -> tuple[Any, ...]:
+    """Return channels and sensors; raise ValueError for sensors called alike, or as what every scene has."""
+    given = tuple(given)
     names = [one.name for one in given if isinstance(one, OBJECTS)]
     for name in names:
         check_name(who, name)
     if len(set(names)) < len(names):
         raise ValueError(f"{who}: two have the same name; the sensors are called {', '.join(names)}")
+    return given
 
 
 class Chosen(NamedTuple):

@@ -154,8 +154,7 @@ class Session:
         given = {name: value for name, value in locals().items() if name != "self"}
         check_scene(scene)
         self._given = given
-        seen = tuple(resolved(scene, one) for one in _names(observe))
-        check_names(seen, "observe")
+        seen = check_names((resolved(scene, one) for one in _names(observe)), "observe")
         given |= {"observe": seen, "record": tuple(_names(record, "record"))}
         self.action: Action = _action(scene, action, controller)
         scenes, self.n = _scenes(scene, n, worlds)
