@@ -43,17 +43,36 @@ def check_switches(scenes: Iterable[CompiledScene], switches: Sequence[Any]) -> 
         one = Switch(*given)
         time = real("switches: time", one.time, 0.0, 1e9, "it counts from the first start [s]")
         if not isinstance(one.closed, bool | np.bool_) and is_real(one.closed):
+            if len(given) == 4:
+                raise ValueError(
+                    f"switches: {shown(given)} commands the drive {one.name!r}, which has no gap {one.within!r}: leave "
+                    "the fourth out, or write True or False for a loop"
+                )
             found.append(Switch(time, one.name, checked_command(one.closed)))
             continue
         within = real("switches: within", one.within, 0.0, math.inf, "1e-3 is usual, math.inf closes it anywhere")
         found.append(Switch(time, one.name, truth("switches: closed", one.closed), within))
     for scene in {id(scene): scene for scene in scenes}.values():
         check_scene(scene)
+        for one in found:
+            _check_kind(scene, one)
         loop_names(scene, [one.name for one in found if isinstance(one.closed, bool)], "switches")
         for one in found:
             if not isinstance(one.closed, bool):
                 drive_number(scene, one.name)
     return sorted(found, key=lambda one: one.time)
+
+
+def _check_kind(scene: CompiledScene, one: Switch) -> None:
+    """Raise TypeError for a drive that is opened or closed, and for a loop that is commanded."""
+    loop, drive = one.name in [loop.name for loop in scene.model.loops], one.name in scene.surface_drives
+    switched = isinstance(one.closed, bool)
+    if loop == drive or switched == loop:
+        return
+    is_one, remedy = "a drive of surfaces", "give its command, 1.0 moves surfaces as stated, 0.0 holds them"
+    if loop:
+        is_one, remedy = "a loop", "closed is True or False"
+    raise TypeError(f"switches: {one.name!r} is {is_one}, and {one.closed!r} is given: {remedy}")
 
 
 class Parts(NamedTuple):
@@ -79,8 +98,9 @@ def divided(
             continue
         if abs(one.time - begin - step * h) > ON_STEP * h:
             what = "controller ticks" if scene.sampled else "steps"
+            kind = "loop" if isinstance(one.closed, bool) else "drive"
             raise ValueError(
-                f"switches: {one.time:g} s of {one.name!r} is between {what} of {grid * h:g} s, where loops are "
+                f"switches: {one.time:g} s of {kind} {one.name!r} is between {what} of {grid * h:g} s, where loops are "
                 f"switched and surfaces commanded: take {begin + step * h:g} s, or compile the scene with a timestep "
                 "that divides it"
             )

@@ -306,8 +306,9 @@ def load_controller(name_or_path: str | os.PathLike) -> CompiledController:
     if path.suffix != ".py":
         path = scene_path(name_or_path).with_name(f"{path.name}.py")
         if not path.is_file():
-            having = [name for name in scene_names() if (path.parents[1] / name / f"{name}.py").is_file()]
-            raise ValueError(f"{name_or_path}: there is no controller; expected one of {', '.join(having)}: use these")
+            having = [name for name in scene_names() if scene_path(name).with_name(f"{name}.py").is_file()]
+            known = f"expected one of {', '.join(having)}, or the path of a .py: use one of these"
+            raise ValueError(f"{name_or_path}: there is no controller; {known}")
     spec = spec_from_file_location(f"{path.stem}_controller", path)
     assert spec is not None
     assert spec.loader is not None  # since it ends in .py

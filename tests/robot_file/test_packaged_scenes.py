@@ -1,6 +1,7 @@
 """The scenes that come with the package load by name, and move as their closed forms say."""
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,6 +57,8 @@ def test_controllers_load_by_the_name_of_their_scene(name, function):
 def test_what_has_no_controller_or_several_is_refused(tmp_path):
     with pytest.raises(ValueError, match="balancer, humanoid_and_ball, line_follower"):
         load_controller("rov")
+    with pytest.raises(ValueError, match=r"x: there is no controller.*balancer.*\.py"):
+        load_controller(Path("x"))
     path = tmp_path / "two.py"
     path.write_text("pass\n", "utf-8")
     with pytest.raises(ValueError, match="has 0 controllers"):

@@ -8,7 +8,12 @@ import pytest
 from test_loop_switches import sliders
 
 from featherstone_gait import (
+    Box,
+    ContactPoint,
+    Ground,
     Loop,
+    Surface,
+    body,
     compile_scene,
     initial_state,
     load_robot,
@@ -16,6 +21,7 @@ from featherstone_gait import (
     simulate_batch,
     switch_loop,
 )
+from featherstone_gait.run.parts import check_switches
 
 ONCE = {"estimate_error": False}
 RECORD = ("q", "qd", "loop_closed", "loop_loss")
@@ -86,6 +92,20 @@ def test_wrong_switches_are_refused():
     ):
         with pytest.raises(error, match=message):
             simulate(scene, 0.2, start, switches=switches, **ONCE)
+
+
+def test_switches_of_surfaces_have_a_command_and_no_gap():
+    track = ContactPoint("body", (0.0, 0.0, 0.0), surface=Surface((1.0, 0.0, 0.0), drive="belt"))
+    model = replace(body(Box((0.2, 0.2, 0.2)), 1.0), contacts=(track,))
+    scene = compile_scene(model, ground=Ground())
+    assert check_switches([scene], [(0.1, "belt", 0.5)]) == [(0.1, "belt", 0.5, 1e-3)]
+    for switch, error, message in (
+        ((0.1, "belt", 0.5, 1e-3), ValueError, r"drive 'belt'.*no gap 0\.001.*fourth"),
+        ((0.1, "belt", True), TypeError, r"'belt' is a drive of surfaces.*True.*command"),
+        ((0.1, "left", 0.5), ValueError, r"no drive of surfaces 'left'.*'belt'"),
+    ):
+        with pytest.raises(error, match=message):
+            check_switches([scene], [switch])
 
 
 @pytest.mark.long
