@@ -204,7 +204,7 @@ class LineSensor:
     """Spots on the ground under a link, of each of which it measures the share that is dark: the lines of the ground.
 
     A spot is a disc about the place where a ray from the sensor meets the ground.  A ray that meets none within the
-    reach comes back as dark: 1.
+    reach comes back as dark: 1.  Obstacles and robots in between hide nothing.
 
     Attributes
     ----------
@@ -258,7 +258,8 @@ class ForceTorqueSensor:
     """Force and moment on a link by what carries it: the joint, with gear and bearings, or the link it is fixed to.
 
     It reads six numbers: the force, then the moment about its place, in its axes.  At rest that is the weight of the
-    link and of all that it carries, upward.
+    link and of all that it carries, upward.  In the first sample of a run from an `initial_state`, of which no step has
+    computed accelerations and contact forces, it reads as if both were 0.
 
     Attributes
     ----------
@@ -291,6 +292,8 @@ class ForceTorqueSensor:
 @dataclass(frozen=True)
 class ContactSensor:
     """A switch on a link: 1 while ground and other bodies push it by more than a threshold, else 0.
+
+    In the first sample of a run from an `initial_state`, whose contact forces no step has computed, it reads 0.
 
     Attributes
     ----------
@@ -326,8 +329,9 @@ class SampledSensor:
     """A sensor that measures at a rate, with noise, and answers late.
 
     It measures at the start and at whole multiples of its period; between them its last answer stands.  Until the
-    first one it answers what it measures at the start.  Noise is a function of the seed, the name, the number of the
-    robot in a batch or session, and the number of the measurement since time 0: the same alone and among others.
+    first one it answers what it measures at the start, of a run that goes on from another at its own.  Noise is a
+    function of the seed, the name, the number of the robot in a batch or session, and the number of the measurement
+    since time 0: the same alone and among others.
 
     Attributes
     ----------

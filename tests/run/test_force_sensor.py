@@ -161,6 +161,9 @@ def test_the_feet_of_a_standing_robot_bear_its_weight_and_their_switches_close()
     np.testing.assert_allclose(borne, [0.0, 0.0, -G * model.mass], rtol=0, atol=1e-6)
     assert [run[one.name][-1, 0] for one in switches] == [1.0, 0.0, 0.0]
     assert np.array_equal(measure(scene, run, feet[0]), run["left_foot_force"])
+    later = simulate(scene, 0.1, run, record=(*feet, *switches), estimate_error=False)
+    for sensor in (*feet, *switches):  # forces of the step before are kept in the state
+        assert np.array_equal(later[sensor.name][0], run[sensor.name][-1])
 
 
 @pytest.mark.long
