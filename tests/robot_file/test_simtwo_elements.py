@@ -237,6 +237,7 @@ SENSORS = """<sensors>
     <floorline><ID value="line"/><beam length="0.1" final_width="0.02"/><rot_deg y="90"/></floorline>
     <inductive><ID value="line"/></inductive>
     <imu><ID value="gyro"/></imu>
+    <sonar><ID value="energy"/></sonar>
   </sensors>
   <tools><sonar><ID value="rim"/><solid id="Tyre 90"/></sonar><sonar><ID value="lost"/><solid id="x"/></sonar></tools>
   <tools><solenoid><ID value="grip"/><force fmax="10"/></solenoid></tools>"""
@@ -261,8 +262,9 @@ def test_sensors_along_rays_are_those_of_the_model(tmp_path):
     np.testing.assert_allclose(line.mounted, [[0.0, 0.0, 0.1, 0.0, 0.0, -1.0]], atol=1e-12)
     assert named(model.sensors, "rim").link == "Tyre 90"
     assert named(model.sensors, "lost").link == "box"
-    where = f"cart.xml, line {line_of(text, '<inductive>')}: <inductive> 'line' is called"
-    assert any(one.startswith(where) for one in model.notes)
+    for tag, name in (("inductive", "line"), ("sonar", "energy")):  # which another sensor has, and a channel
+        at = line_of(text, f'<{tag}><ID value="{name}"/>')
+        assert any(one.startswith(f"cart.xml, line {at}: <{tag}> '{name}' is called") for one in model.notes)
     for words in ("'lost' names no solid", "<inductive> 'line': it measures the distance to any matter", "n x n rays"):
         assert any(words in one for one in model.notes), words
     for name in ("gyro", "grip"):
