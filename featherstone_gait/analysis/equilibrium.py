@@ -6,10 +6,11 @@ their friction forces, as long as each point sticks,
 
     tau = Q(p) - J' (N(p), f),    minimal |tau|^2 + |r f|^2  with the base's six components of tau zero,
 
-r = 1 cm.  Newton's method changes height and tilt alone; f and the rest of p follow by least squares.  Feet can squeeze
-the ground between them: of these solutions the one with the least joint torques and friction is taken.  So it is with
-loops: their forces are among f, and joints of such robots that have no motor have no torque.  The servo model is then
-inverted: torque to current to voltage to reference.
+r = 1 cm.  Newton's method changes height and tilt alone; f and the rest of p follow by least squares.  Where nothing
+balances the base so, moments against rolling, by their coefficients, are among f.  Feet can squeeze the ground between
+them: of these solutions the one with the least joint torques and friction is taken.  So it is with loops: their forces
+are among f, and joints of such robots that have no motor have no torque.  The servo model is then inverted: torque to
+current to voltage to reference.
 """
 
 from __future__ import annotations
@@ -121,7 +122,8 @@ class _Loads(NamedTuple):
 
     force: np.ndarray  # (k, nv) needed at rest, without contacts
     springs: np.ndarray  # (k, nv) that the springs give
-    J: np.ndarray  # (k, points, 3, nv) velocities of the contacts in the ground's axes
+    J: np.ndarray  # (k, points, 3, nv) velocities of the contacts in the ground's axes; (k, points, 5, nv) if some
+    # resist rolling, with the angular velocities about the tangents by the coefficient of rolling friction
     depth: np.ndarray  # (k, points) [m]
     axes: np.ndarray  # (k, points, 3, 3) normal and tangents in rows
 
@@ -151,8 +153,8 @@ def trim(
     -------
     Trim
         Its status is "ok"; "tips" if the contacts cannot carry the robot; "slips" if a contact needs more friction than
-        it has; "touches" if a point of another link is in the ground; "too weak" if a servo cannot hold its joint; or
-        "moves" if the simulation does not stay at rest, as with voltages in counts.
+        it has, or more against rolling; "touches" if a point of another link is in the ground; "too weak" if a servo
+        cannot hold its joint; or "moves" if the simulation does not stay at rest, as with voltages in counts.
 
     Raises
     ------
@@ -175,7 +177,10 @@ def trim(
     if scene.ground is None:
         raise ValueError(f"{model.name}: a floating base without ground falls; compile the scene with ground=Ground()")
     used = _used(scene, contacts)
-    at, force, wrong = _balanced(scene, _laid(scene, at, used, LAYING if contacts is not None else 0), used)
+    laid = _laid(scene, at, used, LAYING if contacts is not None else 0)
+    at, force, wrong = _balanced(scene, laid, used)
+    if wrong and _rolling(scene).any():  # moments that nothing needs could be more than there are
+        at, force, wrong = _balanced(scene, laid, used, rows=5)
     return _held(scene, at, force, wrong or _contact_fault(scene, at, used, force))
 
 
@@ -269,7 +274,16 @@ def _loads(scene: CompiledScene, q: np.ndarray) -> _Loads:
     normal, first = under[..., :3], under[..., 3:6]
     axes = np.stack([normal, first, np.cross(normal, first)], axis=-2)
     columns = [_velocity(scene, poses, point.link, x[:, k]) for k, point in enumerate(model.contacts)]
-    return _Loads(force, springs, axes @ np.stack(columns, axis=1), -under[..., 6] * normal[..., 2], axes)
+    J, rho = axes @ np.stack(columns, axis=1), _rolling(scene)
+    if rho.any():
+        turns = [by * jacobian_at(model, poses, point.link)[:, :3] for by, point in zip(rho, model.contacts)]
+        J = np.concatenate([J, axes[..., 1:, :] @ np.stack(turns, axis=1)], axis=2)
+    return _Loads(force, springs, J, -under[..., 6] * normal[..., 2], axes)
+
+
+def _rolling(scene: CompiledScene) -> np.ndarray:
+    """Return the coefficients of rolling friction of the contact points (points,) [m]."""
+    return np.array([point.rolling_friction for point in scene.model.contacts])
 
 
 def _velocity(scene: CompiledScene, poses: Poses, link: str, x: np.ndarray) -> np.ndarray:
@@ -300,21 +314,26 @@ def _stiffness(scene: CompiledScene, name: str = "stiffness") -> np.ndarray:
     return found
 
 
-def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, Fault]:
-    """Solve for the posture (nq,) and contact forces (points, 3) that balance the base; also return a fault or None."""
+def _balanced(
+    scene: CompiledScene, q: np.ndarray, used: np.ndarray, rows: int = 3
+) -> tuple[np.ndarray, np.ndarray, Fault]:
+    """Solve for the posture (nq,) and contact forces (points, rows) that balance the base; return a fault or None too.
+
+    Of five rows the last two are moments against rolling by their coefficient [N].
+    """
     model, ground = scene.model, scene.ground
     assert ground is not None
     stiffness, chart = _stiffness(scene), chart_of(scene, ("base_q",))
     weight = model.mass * float(np.linalg.norm(scene.gravity))
     count = int(used.sum())
-    f = np.zeros((count, 2))
+    f = np.zeros((count, rows - 1))
     scale, loads = _scale(scene), _loads(scene, q[None])
     reduced, none = coupling_matrix(model).matrix, _idle(scene)
     loops = -product(loop_jacobian(model, q), reduced) if model.loops else np.zeros((0, reduced.shape[1]))
     for _ in range(PASSES):
         ways, loads = _nudged(scene, chart, q, loads, used)
         normal = np.where(used, stiffness * np.maximum(loads.depth, 0.0), 0.0)[:, used]
-        J, on = loads.J[:, used], normal[0] > 0.0
+        J, on = loads.J[:, used, :rows], normal[0] > 0.0
         f[~on] = 0.0  # what is in the air has no friction
         total = loads.force - np.einsum("km,kmj->kj", normal, J[:, :, 0]) - np.einsum("mi,kmij->kj", f, J[:, :, 1:])
         total = total @ reduced
@@ -324,16 +343,16 @@ def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np
         columns = np.concatenate([columns, SQUEEZE * np.eye(3 + f.size, columns.shape[1])[3:]])
         step = _least(columns, np.concatenate([total[0], SQUEEZE * f.ravel()]), none)
         left = float(np.abs(total[0, :6]).max())
-        f = f + step[3 : 3 + f.size].reshape(-1, 2)
+        f = f + step[3 : 3 + f.size].reshape(f.shape)
         way = step[:3] / max(1.0, abs(step[0]) / LONGEST, np.abs(step[1:3]).max() * scale[1] / LARGEST)
         q = _posed(scene, chart, q, (ways.T @ way)[:, None])[0]
         if left <= BALANCED * weight and np.abs(way).max() < 1e-6:
             break
     loads = _loads(scene, q[None])
-    force = np.zeros((len(used), 3))
+    force = np.zeros((len(used), rows))
     force[used, 0] = stiffness[used] * np.maximum(loads.depth[0, used], 0.0)
     force[used, 1:] = f
-    rest = (loads.force[0] - np.einsum("mi,mij->j", force, loads.J[0]))[:6]
+    rest = (loads.force[0] - np.einsum("mi,mij->j", force, loads.J[0, :, :rows]))[:6]
     if np.abs(rest).max() <= 1e-9 * weight:
         return q, force, None
     what = f"{float(np.abs(rest).max()):.3g} N or N m of the base are not in balance"
@@ -398,7 +417,9 @@ def _least(columns: np.ndarray, force: np.ndarray, zero: np.ndarray) -> np.ndarr
     Z = V[rank:].T
     if not Z.size:
         return x
-    return x - Z @ np.linalg.lstsq(T @ Z, force[rest] + T @ x, rcond=RANK)[0]
+    U, s, V = np.linalg.svd(T @ Z, full_matrices=False)
+    rank = int((s > RANK * np.abs(T).max(initial=0.0)).sum())  # of T, since a ball turns without any effect
+    return x - Z @ (V[:rank].T @ ((U[:, :rank].T @ (force[rest] + T @ x)) / s[:rank]))
 
 
 def _idle(scene: CompiledScene) -> np.ndarray:
@@ -414,10 +435,16 @@ def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force:
     for k, point in enumerate(scene.model.contacts):
         if not used[k] and depth[k] > 0.0:
             return "touches", f"contact {k} of {point.link} is {depth[k]:.3g} m in the ground; name it, or lift it"
-        along, most = float(np.hypot(*force[k, 1:])), float(_stiffness(scene, "friction")[k] * force[k, 0])
+        along, most = float(np.hypot(*force[k, 1:3])), float(_stiffness(scene, "friction")[k] * force[k, 0])
         if along > most + ROUNDING * float(force[:, 0].sum()):
             what = f"contact {k} of {point.link} needs {along:.3g} N of friction; there are {most:.3g} N"
             return "slips", f"{what}: give more friction, or another posture"
+        against = float(np.hypot(*force[k, 3:])) if force.shape[1] > 3 else 0.0
+        if against > force[k, 0] * (1.0 + ROUNDING):
+            rho = point.rolling_friction
+            what = f"contact {k} of {point.link} needs {rho * against:.3g} N m against rolling"
+            there = f"there are {rho * force[k, 0]:.3g} N m"
+            return "slips", f"{what}; {there}: give more rolling_friction, or another posture"
     return None
 
 
@@ -427,7 +454,7 @@ def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force:
 def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) -> Trim:
     """Return the equilibrium with what holds it, tried in a run of one period."""
     model, n, loads = scene.model, scene.tree.n, _loads(scene, q[None])
-    carried = np.einsum("mi,mij->j", force, loads.J[0])
+    carried = np.einsum("mi,mij->j", force, loads.J[0, :, : force.shape[1]])
     torque, G = np.zeros(model.nv), coupling_matrix(model).matrix
     leaders = leaders_of(model)
     torque[leaders] = G.T @ (loads.force[0] - carried)
@@ -448,18 +475,21 @@ def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) 
         fault = "moves", f"in a controller period it moves by {change:.3g} rad or m, or by as much a second"
     status, message = fault or OK
     largest = float(np.abs(residual).max())
-    return Trim(q, torque, force, reference, tau, state, largest, change, status, message)
+    return Trim(q, torque, force[:, :3], reference, tau, state, largest, change, status, message)
 
 
 def _put_contacts(scene: CompiledScene, state: np.ndarray, force: np.ndarray) -> None:
-    """Set the tangential deflections that bear the forces (points, 3), as the first step expects them."""
+    """Set the deflections that bear the forces (points, 3), or (points, 5) with those by rolling friction, at rest."""
     contact = scene.constants.contact
     if contact is None:
         return
-    force = force[by_body(scene.model, scene.tree)]
-    state[slice(*scene.part("contact_force"))] = force.ravel()
-    deflection = -force[:, 1:] / contact.points.tangential_stiffness[:, None]
+    order = by_body(scene.model, scene.tree)
+    state[slice(*scene.part("contact_force"))] = force[order, :3].ravel()
+    deflection = -force[order, 1:3] / contact.points.tangential_stiffness[:, None]
     state[slice(*scene.part("tangential_deflection"))] = deflection.ravel()
+    if force.shape[1] > 3:
+        rolled = -force[order, 3:] * (contact.rolling.friction / contact.rolling.tangential_stiffness)[:, None]
+        state[slice(*scene.part("rolling_deflection"))] = rolled.ravel()
 
 
 def _put_servos(

@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 from scenes import arm_scene, box, box_on, pendulum, with_controller
 
-from featherstone_gait import Ground, Reference, Spring, compile_scene, jacobian, load_robot, simulate, trim
+from featherstone_gait import (
+    Ground,
+    Reference,
+    Sphere,
+    Spring,
+    body,
+    compile_scene,
+    jacobian,
+    load_robot,
+    simulate,
+    trim,
+)
 from featherstone_gait.model import Controller, Mimic, Servo, Supply
 
 G = 9.81
@@ -42,6 +53,21 @@ def test_a_humanoid_stands_and_stays(servos):
     assert (found.contact_force[:, 0] > 0.1).all()
     assert found.residual < 1e-8
     assert moved(scene, found) < 1e-6
+
+
+@pytest.mark.long
+def test_a_ball_rests_on_a_slope_by_its_rolling_friction():
+    """It rolls where the slope exceeds the coefficient by the radius."""
+    r, rho = 0.1, 0.02
+    ball = body(Sphere(r), 1.0, rolling_friction=rho)
+    for share, status in ((0.0, "ok"), (0.5, "ok"), (0.99, "ok"), (1.01, "slips")):
+        slope = Ground(slope=-math.atan(share * rho / r), heading=0.7)
+        scene = compile_scene(ball, None, slope, "implicit_euler", 1e-3, fall_height=-1e6, fall_tilt=math.pi)
+        found = trim(scene)
+        assert found.status == status, found.message
+        assert found.contact_force.shape == (1, 3)
+        assert (moved(scene, found) < 1e-12) == found.ok
+    assert "against rolling" in found.message
 
 
 @pytest.mark.long
