@@ -7,6 +7,7 @@ compiles the others wait for and then read from the cache; one worker more than 
 
 import os
 import sys
+import time
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo"
 
 TESTS = Path(__file__).parent
+DEADLINE = "FEATHERSTONE_GAIT_TESTS_UNTIL"
 ROOMS = [str(path) for path in sorted(TESTS.iterdir()) if path.is_dir() and path.name[0] not in "._"]
 sys.path.extend(ROOMS)  # what tests share is in support/; processes that they start find it too
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(TESTS.parent), *ROOMS, os.environ.get("PYTHONPATH")]))
@@ -34,6 +36,22 @@ LONGEST = """
 
 def _file(nodeid):
     return nodeid.partition("::")[0].rpartition("/")[2]
+
+
+def pytest_addoption(parser):
+    parser.addoption("--minutes", type=float, help="begin no test after so many minutes; those left out are skipped")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config):
+    """Set the time for all workers, which are processes that start later."""
+    if config.getoption("minutes") is not None:
+        os.environ.setdefault(DEADLINE, str(time.time() + 60.0 * config.getoption("minutes")))
+
+
+def pytest_runtest_setup(item):
+    if time.time() > float(os.environ.get(DEADLINE, "inf")):
+        pytest.skip("no time was left")
 
 
 @pytest.hookimpl(tryfirst=True)
