@@ -47,7 +47,7 @@ def prepare(
     if scene.adaptive:
         o, acts = scene.layout, scene.constants
         acting = (acts.actuator, acts.friction, acts.stops, acts.contact, acts.pairs, acts.fluid, acts.propellers)
-        works = any(part is not None for part in acting) or driven
+        works = any(part is not None for part in (*acting, acts.tendons)) or driven
         integrated = o["after_integrated" if works else "after_controlled"]
         rtol = scene.rtol if rtol is None else rtol
         atol = rtol if atol is None else atol

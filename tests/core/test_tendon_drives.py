@@ -21,6 +21,7 @@ from featherstone_gait import (
     Via,
     Wrap,
     compile_scene,
+    energy,
     linearize,
     load_robot,
     load_scene,
@@ -32,6 +33,7 @@ from featherstone_gait import (
     tendon_jacobian,
     tendon_lengths,
 )
+from featherstone_gait.dynamics import tendon_energy
 from featherstone_gait.run.simulate import initial_state
 
 QUIET = {"estimate_error": False}
@@ -114,6 +116,29 @@ def test_drives_are_mujocos_actuators(tmp_path):
         expected[1] -= 0.2 * rates[2]
         np.testing.assert_allclose(run["tendon_force"][1, 1:], expected, rtol=0, atol=1e-9)
     assert 0 < clamped < 20
+
+
+def test_the_work_of_tendons_closes_the_balance_of_energy(tmp_path):
+    """Drives within and beyond their limit, dampers and a force from outside: each by what it does along its length."""
+    (tmp_path / "arm.xml").write_text(FILE)
+    with pytest.warns(match="took the tendon's length as the reference"):
+        model = load_robot(tmp_path / "arm.xml")
+    scene = compile_scene(model, integrator="rk4", timestep=1e-4)
+    goal, push = [0.0, 0.4, 0.6, 0.0], [0.5, 0.0, 0.2, -0.3]
+    run = simulate(scene, 0.2, initial_state(scene, np.full(3, 0.2), [3.0, -2.0, 1.0]),
+                   Reference([0.0], [[0.0, 0.0, 0.0, *goal]]), [0.0, 0.0, 0.0, *push], record_interval=0.02,
+                   record=("q", "qd", "energy", "tendon_work", "tendon_length"), **QUIET)  # fmt: skip
+    work, held = run["tendon_work"], energy(model, run["q"], run["qd"]).total
+    lost = run["energy"][..., 4].sum(axis=1)
+    balance = held + lost - work[..., 1:].sum(axis=(1, 2))
+    assert (np.abs(work[-1]).max(axis=0) > (1e-3, 1e-3, -1.0, 1e-2)).all()
+    assert np.ptp(held) > 0.1
+    np.testing.assert_allclose(balance, balance[0], rtol=0, atol=1e-9)
+    stored = tendon_energy(model, run["q"])
+    np.testing.assert_allclose(work[..., 0], stored[0] - stored, rtol=0, atol=1e-9)
+    way = run["tendon_length"][:, 1] - run["tendon_length"][0, 1]
+    np.testing.assert_allclose(work[:, 1, 3], push[0] * way, rtol=0, atol=1e-9)  # of a motor
+    assert not work[..., 2].any()
 
 
 @pytest.mark.long

@@ -159,6 +159,26 @@ def test_energy_of_a_robot_hung_from_the_world(integrator):
     np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-9 if integrator == "dop853" else 2e-3)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["dop853", "extrapolation", "ars343"])
+def test_dampers_and_stops_of_a_hung_robot_take_what_its_energy_loses(integrator):
+    """Kinetic and potential energy less the work of dampers and stops, to the accuracy of the motion."""
+    model = anchored(random_tree(5, 3, base="floating"), damping=3.0)
+    model = replace(model, tendons=[replace(one, lower=end) for one, end in zip(model.tendons, (1.5, 2.95))])
+    scene, (rtol, error) = compile_scene(model, integrator=integrator), (1e-11, 1e-9)
+    if integrator == "ars343":
+        rtol, error = 1e-5, 1e-4
+    run = simulate(scene, 0.05, state_of(scene, 3), record=(*ALL, "tendon_work"), rtol=rtol, **QUIET)
+    q, qd = (np.hstack([run[f"base_{name}"], run[name]]) for name in ("q", "qd"))
+    held, work = energy(model, q, qd), run["tendon_work"]
+    assert work[-1, :, 1].max() < -1e-3
+    assert np.abs(work[:, :, 2]).max() > 1e-3
+    balance = held.total - work[..., 1:].sum(axis=(1, 2))
+    np.testing.assert_allclose(balance, balance[0], rtol=0, atol=error)
+    stored = tendon_energy(model, q)
+    np.testing.assert_allclose(work[..., 0], stored[0] - stored, rtol=0, atol=error)
+
+
 def test_springs_pull_by_the_slope_of_their_energy():
     model = tied(random_tree(6, 3))
     q = random_states(model, 1, 1)[0][0]

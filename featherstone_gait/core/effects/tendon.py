@@ -76,6 +76,10 @@ WORLD = -1
 # A path begins with a point that has no distance.  TURN: of a ball joint; BEND: a shape between two points.
 JOINT, BEGIN, POINT, TURN, BEND = range(5)
 
+# Numbers of the channel `tendon_work`: work on the robot [J].
+SPRING, DAMPER, STOPS, PULL = range(4)
+WORKS = 4
+
 # Columns of a tendon's row in the workspace.
 LB = FREE  # length from which it moves on with the speed [m or rad]
 U0 = FREE + 1  # speed for which the bias is taken [m/s or rad/s]
@@ -343,14 +347,20 @@ def _pull_bent(tied, wraps, parts, k, tree, root, t, W):
 @inline
 def tendon_force(tendons, c, step, u):
     """Return the force [N or N m] of a tendon at the speed u, and its slope -df/du."""
-    t, h, length = tendons.table[c], step.h_implicit, step.W[tendons.table[c].row, LB]
+    t, length = tendons.table[c], step.W[tendons.table[c].row, LB]
+    spring, slope = _spring(t, length, step.h_implicit, u)
+    stop, c_stop = stop_torque(tendons.stops, c, length, u, step.h_implicit)
+    return _plus_drive(tendons.drives, step, c, length, u, spring - t.damping * u + stop, slope + t.damping + c_stop)
+
+
+@inline
+def _spring(t, length, h, u):
+    """Return the force of a spring with its dead band, and its slope."""
     at = length + t.fold * h * u
     over, under, zero = at - t.upper, t.lower - at, 0.0 * u
     beyond = (over >= 0.0) | (under >= 0.0)
     spring = select(over >= 0.0, -t.stiffness * over, select(under >= 0.0, t.stiffness * under, zero))
-    stop, c_stop = stop_torque(tendons.stops, c, length, u, h)
-    slope = select(beyond, t.stiffness * (t.fold * h) + zero, zero)
-    return _plus_drive(tendons.drives, step, c, length, u, spring - t.damping * u + stop, slope + t.damping + c_stop)
+    return spring, select(beyond, t.stiffness * (t.fold * h) + zero, zero)
 
 
 @inline
@@ -508,13 +518,39 @@ def shift_tendons(tendons, step, fraction, active):
 
 
 @inline
-def move_tendons(tendons, step, column):
-    """Store the forces at the speeds in a column of the rows."""
+def move_tendons(tendons, step):
+    """Store the forces of the step, and add their work to the channel `tendon_work`."""
+    if tendons is not None:
+        _store(tendons, step, UN, step.h, step.y)
+
+
+@inline
+def tendon_rates(tendons, step, dy):
+    """Store the forces at the speeds of the start, and set their powers in dy."""
     if tendons is not None:
         first, end = tendons_of(step.part, tendons.table)
-        for c in range(first, end):
-            f, _ = tendon_force(tendons, c, step, step.W[tendons.table[c].row, column])
-            step.y[step.offsets.tendon_force + c] = f
+        for k in range(step.offsets.tendon_work + WORKS * first, step.offsets.tendon_work + WORKS * end):
+            dy[k] = 0.0 * step.y[k]
+        _store(tendons, step, U0, 1.0, dy)
+
+
+@kernel
+def _store(tendons, step, column, time, work):
+    """Store the forces at the speeds in a column of the rows, and add what they do in a time [s] to `work`."""
+    W, h, (first, end) = step.W, step.h_implicit, tendons_of(step.part, tendons.table)
+    for c in range(first, end):
+        t, at = tendons.table[c], step.offsets.tendon_work + WORKS * c
+        length, u = W[t.row, LB], W[t.row, column]
+        f, _ = tendon_force(tendons, c, step, u)
+        step.y[step.offsets.tendon_force + c] = f
+        spring, _ = _spring(t, length, h, u)
+        stop, _ = stop_torque(tendons.stops, c, length, u, h)
+        pull, _ = _plus_drive(tendons.drives, step, c, length, u, 0.0 * u, 0.0 * u)
+        way = time * u
+        work[at + SPRING] += spring * way
+        work[at + DAMPER] -= t.damping * u * way
+        work[at + STOPS] += stop * way
+        work[at + PULL] += pull * way
 
 
 @inline

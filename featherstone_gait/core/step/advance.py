@@ -16,7 +16,7 @@ from ..effects.gear_friction import GearFriction
 from ..effects.pair import move_pairs
 from ..effects.propeller import add_work, plus_propeller
 from ..effects.stop import move_stop
-from ..effects.tendon import UN, move_tendons
+from ..effects.tendon import move_tendons
 from ..tree.ball import move_balls
 from ..tree.forest import base_index, base_of, is_fixed, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, move_base
@@ -75,7 +75,7 @@ def advance(step):
     """Move the state over the step that `solve_step` has solved."""
     y, offsets, (first, end) = step.y, step.offsets, joints_of(step.part, step.scene.tree)
     move_contacts(step.scene.contact, step)
-    move_tendons(step.scene.tendons, step, UN)
+    move_tendons(step.scene.tendons, step)
     move_fluid(step.scene.fluid, step)
     _propellers_work(step.scene.propellers, step)
     for i in range(first, end):

@@ -20,7 +20,7 @@ from ..effects.pair import pair_rates
 from ..effects.propeller import add_work, plus_propeller
 from ..effects.stop import stop_rates
 from ..effects.surface import clear_drives
-from ..effects.tendon import U0, linearize_tendons, move_tendons, place_tendons
+from ..effects.tendon import linearize_tendons, place_tendons, tendon_rates
 from ..tree.aba import acceleration_pass
 from ..tree.ball import ball_positions, ball_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
@@ -77,7 +77,7 @@ def _forces(step, dy):
     fluid_rates(scene.fluid, step)
     place_tendons(scene.tendons, step, q, ball_q, bases_at(None, step), v, 0.0)
     linearize_tendons(scene.tendons, step)
-    move_tendons(scene.tendons, step, U0)
+    tendon_rates(scene.tendons, step, dy)
 
 
 @inline

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..effects.energies import ENERGIES
 from ..effects.fluid import WORKS
+from ..effects.tendon import WORKS as TENDON_WORKS
 from .pace import PACE
 
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
@@ -73,6 +74,8 @@ CHANNELS = (
     Channel("pair_work", "integrated", "pairs", 1, "J", "work of the forces between bodies on both"),
     Channel("fluid_work", "integrated", "fluid", WORKS, "J", "work of the medium on the robot",
             ("buoyancy", "drag", "added_mass", "propulsion")),
+    Channel("tendon_work", "integrated", "tendon", TENDON_WORKS, "J", "work of tendons, then springs, on the robot",
+            ("spring", "damper", "stops", "drive")),
     Channel("surface_work", "integrated", "surface", 1, "J", "work of the drives of surfaces, such as belts"),
     Channel("source_loss", "integrated", "source", 1, "J", "what the resistance of the supply took"),
     Channel("voltage", "held", "servo", 1, "V", "motor voltages"),
