@@ -10,7 +10,7 @@ from ..core.compile import elementary
 
 # With the JIT on a kernel cannot be called from Python, but its source can: on arrays it is NumPy, number by number.
 _sincos, _angle, _exp, _log = (
-    getattr(f, "py_func", f) for f in (elementary.sincos, elementary.angle, elementary.exp, elementary.log)
+    getattr(f, "py_func", f) for f in (elementary._sincos, elementary._angle, elementary._exp, elementary._log)
 )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core.compile.lanes import WIDTH, aligned
-from ..core.compile.varying import Varying, lane_dtype, lane_records, of_lanes
+from ..core.compile.varying import Varying, lane_dtype, lane_records, varying_fields
 
 
 def structure(constants: Any) -> Hashable:
@@ -33,22 +33,25 @@ def numbers_in(constants: Any) -> bytes:
     return constants.tobytes() if isinstance(constants, np.ndarray) else repr(constants).encode()
 
 
-def merge(parts: Sequence[Any]) -> Any:
-    """Merge the constants of scenes of one structure; what differs between them is `Varying`, and still zero."""
+def merge(parts: Sequence[Any], width: int = WIDTH) -> Any:
+    """Merge the constants of scenes of one structure; what differs between them is `Varying`, and still zero.
+
+    width: of the axis of what varies.
+    """
     first = parts[0]
     if all(part is first for part in parts):
         return first
     if isinstance(first, tuple):
-        return type(first)(*map(merge, zip(*parts)))
+        return type(first)(*(merge(each, width) for each in zip(*parts)))
     if not isinstance(first, np.ndarray):
-        return first if len(set(parts)) == 1 else Varying(aligned(WIDTH))
+        return first if len(set(parts)) == 1 else Varying(aligned(width))
     names = first.dtype.names
     if names is None:
-        return Varying(aligned((*first.shape, WIDTH))) if _differ(parts) else first
+        return Varying(aligned((*first.shape, width))) if _differ(parts) else first
     varying = [name for name in names if _differ([part[name] for part in parts])]
     if not varying:
         return first
-    table = lane_records(len(first), lane_dtype(first.dtype, varying))
+    table = lane_records(len(first), lane_dtype(first.dtype, varying, width))
     for name in set(names) - set(varying):
         table[name] = first[name]
     return Varying(table)
@@ -82,6 +85,5 @@ def write_lane(x: Any, lane: int, part: Any) -> None:
     elif x.values.dtype.names is None:
         x.values[..., lane] = part
     else:
-        for name in x.values.dtype.names:
-            if of_lanes(x.values.dtype[name]):
-                x.values[name][..., lane] = part[name]
+        for name in varying_fields(x.values.dtype):
+            x.values[name][..., lane] = part[name]

@@ -14,6 +14,7 @@ from math import nan
 
 from numba.extending import register_jitable
 
+from .by_type import overridable
 from .jit import INNER, kernel
 from .lanes import any_lane, exponent, power_of_two, select, sqrt
 
@@ -96,9 +97,14 @@ def _reduce_far(x):
     return n, r, -rest
 
 
-@kernel
+@overridable
 def sincos(x):
     """Return sine and cosine of x [rad], |x| <= SINCOS_LIMIT (1.69e9 rad), else NaN; error below 1 ulp."""
+    return _sincos(x)
+
+
+@kernel
+def _sincos(x):
     x = select(abs(x) <= SINCOS_LIMIT, x, nan)
     n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
     # x = n pi/2 + r - c: the subtraction of the first part is exact, c carries the rounding of the second.
@@ -127,12 +133,17 @@ def sincos(x):
     return select(abs(g) > 1.0, -sine, sine), select(g > 0.0, -cosine, cosine)
 
 
-@kernel
+@overridable
 def angle(y, x):
     """Return the angle of the direction (x, y) to that of x [rad], from -pi to pi, 0 of no direction; error 2 ulp of 1.
 
     In the first two octants the guess a0 = pi/4 + d is at most 0.004 off, and sin(a - a0) = (y cos a0 - x sin a0) / r.
     """
+    return _angle(y, x)
+
+
+@kernel
+def _angle(y, x):
     s, c = abs(y), abs(x)
     r = sqrt(s * s + c * c)
     none = r == 0.0
@@ -153,9 +164,14 @@ def angle(y, x):
     return select(y < 0.0, -a, a)
 
 
-@kernel
+@overridable
 def exp(x):
     """Return the exponential of x: inf above 709.78, gradual underflow to 0 below -708.4; error below 1 ulp."""
+    return _exp(x)
+
+
+@kernel
+def _exp(x):
     y = select(x > _EXP_LOW, x, _EXP_LOW)
     y = select(y < _EXP_HIGH, y, _EXP_HIGH)
     n = (y * _LOG2_E + _ROUND) - _ROUND
@@ -175,9 +191,14 @@ def exp(x):
     return select(x == x, e, x)
 
 
-@kernel
+@overridable
 def log(x):
     """Return the natural logarithm of a normal number x > 0; error below 1.5 ulp."""
+    return _log(x)
+
+
+@kernel
+def _log(x):
     n = exponent(x)
     m = x * power_of_two(-n)
     large = m > _SQRT_2

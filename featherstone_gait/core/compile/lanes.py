@@ -98,7 +98,7 @@ def _unary(op, build, operand=Lanes):
         return build(builder, args[0])
 
 
-def _llvm(name):
+def llvm_intrinsic(name):
     """Return a builder of calls of the LLVM intrinsic `name` on a vector or a number."""
 
     def build(builder, value):
@@ -119,7 +119,7 @@ _binary(operator.and_, ir.IRBuilder.and_, result=Mask, operand=Mask)
 _binary(operator.or_, ir.IRBuilder.or_, result=Mask, operand=Mask)
 _unary(operator.neg, ir.IRBuilder.fneg)
 _unary(operator.invert, ir.IRBuilder.not_, operand=Mask)
-_unary(abs, _llvm("fabs"))
+_unary(abs, llvm_intrinsic("fabs"))
 
 
 def select(mask, a, b):
@@ -196,10 +196,12 @@ def sqrt(x):
 
 @intrinsic
 def _sqrt(typingctx, x):
-    return signature(x, x), lambda context, builder, sig, args: _llvm("sqrt")(builder, args[0])
+    return signature(x, x), lambda context, builder, sig, args: llvm_intrinsic("sqrt")(builder, args[0])
 
 
-overload(sqrt, jit_options=INLINE)(lambda x: lambda x: _sqrt(x))
+@overload(sqrt, jit_options=INLINE)
+def _overload_sqrt(x):
+    return (lambda x: _sqrt(x)) if isinstance(x, types.Number | _EightType) else None
 
 
 def gather(table, index):
@@ -232,7 +234,7 @@ def _gather_lanes(typingctx, table, index):
 def _gather(table, index):
     if index is Lanes and table.layout == "C":
         return lambda table, index: _gather_lanes(table, index)
-    return lambda table, index: table[int(index)]
+    return (lambda table, index: table[int(index)]) if isinstance(index, types.Number) else None
 
 
 def power_of_two(n):
@@ -305,26 +307,34 @@ def as_lanes(array):
     return array.view(LaneArray)
 
 
-def _array(context, builder, kind, source, shape, strides):
+def array_over(context, builder, kind, source, shape, strides):
     """Return a C-contiguous array of a Numba type over another array's memory, without a reference to it."""
     result, intp = context.make_array(kind)(context, builder), context.get_value_type(types.intp)
     result.data = builder.bitcast(source.data, result.data.type)
     result.shape, result.strides = cgutils.pack_array(builder, shape, intp), cgutils.pack_array(builder, strides, intp)
-    result.itemsize = context.get_constant(types.intp, 8 * WIDTH if kind.dtype is Lanes else 8)
+    result.itemsize = context.get_constant(types.intp, kind.dtype.bitwidth // 8)
     result.nitems = functools.reduce(builder.mul, shape, context.get_constant(types.intp, 1))
     return result._getvalue()
 
 
-@intrinsic
-def _as_lanes(typingctx, array):
-    view = types.Array(Lanes, array.ndim - 1, "C")
+def viewing(kind):
+    """Make an intrinsic that views an array of float64 (..., numbers of a value) as one of values of a Numba type."""
 
-    def codegen(context, builder, sig, args):
-        source = context.make_array(sig.args[0])(context, builder, args[0])
-        shape, strides = (cgutils.unpack_tuple(builder, x)[:-1] for x in (source.shape, source.strides))
-        return _array(context, builder, view, source, shape, strides)
+    @intrinsic
+    def view(typingctx, array):
+        seen = types.Array(kind, array.ndim - 1, "C")
 
-    return signature(view, array), codegen
+        def codegen(context, builder, sig, args):
+            source = context.make_array(sig.args[0])(context, builder, args[0])
+            shape, strides = (cgutils.unpack_tuple(builder, x)[:-1] for x in (source.shape, source.strides))
+            return array_over(context, builder, seen, source, shape, strides)
+
+        return signature(seen, array), codegen
+
+    return view
+
+
+_as_lanes = viewing(Lanes)
 
 
 @overload(as_lanes, jit_options=INNER)
@@ -355,7 +365,7 @@ def _flat(typingctx, array):
         source = context.make_array(sig.args[0])(context, builder, args[0])
         width = context.get_constant(types.intp, WIDTH if sig.args[0].dtype is Lanes else 1)
         size, stride = builder.mul(source.nitems, width), context.get_constant(types.intp, 8)
-        return _array(context, builder, view, source, [size], [stride])
+        return array_over(context, builder, view, source, [size], [stride])
 
     return signature(view, array), codegen
 

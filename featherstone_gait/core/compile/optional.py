@@ -81,32 +81,38 @@ def _any_present(a, b):
     return lambda a, b: True
 
 
-def in_lanes(x):
-    """View arrays as lanes; of a structure those fields that its class does not name as `SHARED` by all lanes.
-
-    Of what is shared it is what is `Varying` in it.
+def viewer(of_array, of_shared):
+    """Make a function that views arrays by `of_array`; of a structure all fields, but those that its class names as
+    `SHARED` by `of_shared`, which views what is `Varying` in them.
     """
-    if isinstance(x, tuple):
-        shared = getattr(x, "SHARED", ())
-        return type(x)(*(varying_in_lanes(a) if name in shared else in_lanes(a) for name, a in zip(x._fields, x)))
-    return x if x is None or isinstance(x, bool) else as_lanes(x)
 
+    def view(x):
+        if isinstance(x, tuple):
+            shared = getattr(x, "SHARED", ())
+            return type(x)(*((of_shared if name in shared else view)(a) for name, a in zip(x._fields, x)))
+        return x if x is None or isinstance(x, bool) else of_array(x)
 
-@overload(in_lanes, jit_options=INNER)
-def _in_lanes(x):
-    if isinstance(x, types.Array):
-        return lambda x: as_lanes(x)
-    if isinstance(x, types.BaseNamedTuple | StructureType):
-        kind = x.instance_class
-        shared = getattr(kind, "SHARED", ())
-        fields = ", ".join(_field(name, name in shared, field) for name, field in zip(x.fields, x.types, strict=True))
-        scope = {"kind": kind, "in_lanes": in_lanes, "varying_in_lanes": varying_in_lanes}
-        exec(f"def view(x): return kind({fields})", scope)  # Numba loops over no fields of different types
-        return scope["view"]
-    return lambda x: x
+    @overload(view, jit_options=INNER)
+    def _view(x):
+        if isinstance(x, types.Array):
+            return lambda x: of_array(x)
+        if isinstance(x, types.BaseNamedTuple | StructureType):
+            shared = getattr(x.instance_class, "SHARED", ())
+            fields = ", ".join(
+                _field(name, name in shared, field) for name, field in zip(x.fields, x.types, strict=True)
+            )
+            scope = {"kind": x.instance_class, "view": view, "of_shared": of_shared}
+            exec(f"def viewed(x): return kind({fields})", scope)  # Numba loops over no fields of different types
+            return scope["viewed"]
+        return lambda x: x
+
+    return view
 
 
 def _field(name, shared, kind):
     if shared:
-        return f"varying_in_lanes(x.{name})" if varies(kind) else f"x.{name}"
-    return f"in_lanes(x.{name})"
+        return f"of_shared(x.{name})" if varies(kind) else f"x.{name}"
+    return f"view(x.{name})"
+
+
+in_lanes = viewer(as_lanes, varying_in_lanes)

@@ -21,6 +21,7 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select, sqrt
 from ..compile.optional import if_present
 from ..compile.structure import record, structure
+from ..compile.taped import constant
 from ..tree.forest import base_index, base_of, joint_count, points_of
 from ..tree.layout import SF, SH, SJ, SM, TOUCH, R, U, V
 from ..tree.rigid_body import center_velocity, point_position
@@ -531,8 +532,8 @@ def shift_contacts(contact, step, fraction, active):
 
 @inline
 def shifted(x, to, fraction, active):
-    """Return x moved toward `to` by the fraction of a pass, in the lanes still at work."""
-    return select(active, select(fraction < 1.0, x + fraction * (to - x), to), x)
+    """Return x moved toward `to` by the fraction of a pass, in the lanes still at work: a constant to gradients."""
+    return constant(select(active, select(fraction < 1.0, x + fraction * (to - x), to), x))
 
 
 @inline

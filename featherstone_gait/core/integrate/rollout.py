@@ -111,8 +111,15 @@ def _hold_torques(present, run, k, t, y):
 def _between_ticks(delay, dead, run, k, y):
     """Apply delayed voltages that are due at step k, which is no tick."""
     if delay is not None:
-        apply_delayed(delay, run.scene, run.offsets[0], y, k % run.plan.per_tick)
+        between_ticks(delay, run, k, y)
         _freeze_ended(dead, run, y)
+
+
+@inline
+def between_ticks(delay, run, k, y):
+    """Apply delayed voltages that are due at step k, which is no tick, in runs that go on."""
+    if delay is not None:
+        apply_delayed(delay, run.scene, run.offsets[0], y, k % run.plan.per_tick)
 
 
 @kernel

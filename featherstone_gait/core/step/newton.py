@@ -27,6 +27,7 @@ from ..compile.by_type import overridable
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
 from ..compile.optional import any_present, item_or_zero, only_if, plus_item, slice_if
+from ..compile.taped import ENTRY, constant, noting, set_noting
 from ..effects.actuator import actuator_force, rotor_of
 from ..effects.ball_spring import place_ball_springs, plus_ball_spring
 from ..effects.contact import (
@@ -181,6 +182,7 @@ def find_velocities(forces, rotor, contact, step):
         _solve_free(step.scene.armature, step.predicted, step)
         return
     y, offsets, Z = step.y, step.offsets, step.Z
+    set_noting(y, 0)
     active = Z[VP, 0] == Z[VP, 0]  # false for a lane that is not finite
     for k in range(MAX_PASSES):
         linearize(rotor, step)
@@ -198,6 +200,23 @@ def find_velocities(forces, rotor, contact, step):
     y[offsets.newton_iterations + 1] = select(
         active, y[offsets.newton_iterations + 1] + 1.0, y[offsets.newton_iterations + 1]
     )
+    _solve_noting(noting(y), rotor, contact, step)
+
+
+@inline
+def _solve_noting(noted, rotor, contact, step):
+    """Take one more pass about the solution, of which each operation is noted for gradients (taped.py).
+
+    The derivative of a solution is that of the linear system that it solves, with the iterate held: a pass from there.
+    """
+    if noted is not None:
+        fraction = 1.0 + 0.0 * step.Z[VP, 0]
+        move_iterate(rotor, contact, step, fraction, fraction > 0.0)
+        set_noting(step.y, ENTRY)
+        linearize(rotor, step)
+        linearize_contacts(contact, step)
+        _solve_linear(step.scene.armature, step.predicted, rotor, step)
+        compare(rotor, contact, step)
 
 
 # ---------------------------------------------------------------------------------------------- the predicted state
@@ -515,7 +534,7 @@ def move_iterate(rotor, contact, step, fraction, active):
         here = Z[VK, i]
         _shift(Z, VK, VN, i, fraction, active)
         v = snap_to_rest(step.scene.friction, step, i, Z[VK, i], here, Z[VN, i])
-        Z[VK, i] = select(active & (fraction < 1.0), v, Z[VK, i])
+        Z[VK, i] = constant(select(active & (fraction < 1.0), v, Z[VK, i]))
         _shift(Z, RT, TL, i, fraction, active)
         if rotor is not None:
             _shift(Z, WK, WN, i, fraction, active)
