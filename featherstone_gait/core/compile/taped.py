@@ -6,8 +6,8 @@ goes back over the tape and gathers what each entry adds to the derivative of a 
 and A. Walther, Evaluating Derivatives, 2008, section 3.2).
 
 A value is a float64 and the address of its entry, 0 of a constant.  The tape lies at a multiple of `SPAN`, so that each
-address tells where it begins; its first entry has the address of the next free one, how far that moves (0: nothing is
-noted, see `pause`), and where the tape ends.  What depends on no input, or not to first order, gets no entry.
+address tells where it begins; its first entry has the address of the next free one, how far that moves,
+and where the tape ends.  What depends on no input, or not to first order, gets no entry.
 
 Arrays of taped numbers are float64 arrays with a last axis of two, value and address; constants that are inputs are
 `Varying`, as those that differ by lane.  A branch that a kernel
@@ -412,32 +412,3 @@ def noting(array):
 @overload(noting, jit_options=INNER)
 def _noting(array):
     return (lambda array: True) if array.dtype is Taped else (lambda array: None)
-
-
-def set_noting(array, move):
-    """Note nothing from here on (move 0), or go on (move ENTRY); array: some of whose numbers are on the tape."""
-
-
-@intrinsic
-def _move(typingctx, address, move):
-    def codegen(context, builder, sig, args):
-        base = builder.and_(args[0], ir.Constant(_WORD, -SPAN))
-        at = builder.gep(builder.inttoptr(base, ir.PointerType(_WORD)), [ir.Constant(_HALF, 1)])
-        builder.store(args[1], at)
-        return context.get_dummy_value()
-
-    return signature(types.none, types.int64, types.int64), codegen
-
-
-@overload(set_noting, jit_options=INNER)
-def _set_noting(array, move):
-    if array.dtype is not Taped:
-        return lambda array, move: None
-
-    def set_move(array, move):
-        for i in range(len(array)):
-            if entry_of(array[i]) != 0:
-                _move(entry_of(array[i]), move)
-                break
-
-    return set_move

@@ -18,7 +18,7 @@ from ..compile.taped import add_adjoint, as_input, as_taped, begin, on_tape, swe
 from ..compile.taped import ADJOINT, ENTRY, SPAN
 from ..step.signals import time_of
 from ..tree.coupling import follow
-from .integrator import take_step, thetas
+from .integrator import hold_solution, take_step, thetas
 from .rollout import between_ticks, tick
 
 
@@ -33,22 +33,21 @@ class Noted(NamedTuple):
     past: np.ndarray  # (steps + 1, length) states after the ticks at each step
     seeds: np.ndarray  # (records, channels) derivatives of the result by what was recorded
     adjoint: np.ndarray  # (length,) derivatives by the state: at the end, and then at the start
-
-    SHARED = ("numbers", "links", "words", "first", "past", "seeds", "adjoint")
+    state: np.ndarray  # (length,) scratch
 
 
 @entry
-def pull_back(run, y, noted, start):
+def pull_back(run, y, plain, noted, start):
     """Take the adjoint from the end of a run to its start, the state `start` (length,) before the first ticks.
 
-    run, y: with memory of taped numbers (..., 2).  Returns how much of the tape the longest step took, more than it
-    holds if it was too small.
+    run, y: with memory of taped numbers (..., 2); plain: the run with its own memory, which solves each step before it
+    is noted.  Returns how much of the tape the longest step took, more than it holds if it was too small.
     """
-    return _pull_back(on_tape(run), as_taped(y), noted, start)
+    return _pull_back(on_tape(run), as_taped(y), plain, noted, start)
 
 
 @kernel
-def _pull_back(run, y, noted, start):
+def _pull_back(run, y, plain, noted, start):
     plan, words, most = run.plan, noted.words, 0
     end = start[run.offsets[0].end_time]
     first_theta, theta = thetas(run.work, plan.theta, end)
@@ -63,11 +62,14 @@ def _pull_back(run, y, noted, start):
         for i in range(len(y)):
             y[i] = as_input(words, before[i])
         if k > 0:
-            t = time_of(plan, k - 1)
+            t, th = time_of(plan, k - 1), theta
             if k == 1:
-                take_step(run.work, run, y, t, first_theta)
-            else:
-                take_step(run.work, run, y, t, theta)
+                th = first_theta
+            for i in range(len(y)):
+                noted.state[i] = before[i]
+            take_step(plain.work, plain, noted.state, t, th)
+            hold_solution(run.work, plain.work)
+            take_step(run.work, run, y, t, th)
             follow(run.scene.coupling, run.offsets[0], y)
         if k < plan.steps:
             if k % plan.per_tick == 0:

@@ -12,7 +12,7 @@ from ..step.advance import step_trees
 from ..step.closure import project, project_euler
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
 from ..step.signals import inputs_over_step
-from .integrator import Integrator, scratch, take_step, thetas
+from .integrator import Integrator, hold_solution, scratch, take_step, thetas
 
 
 @structure
@@ -63,6 +63,19 @@ def _thetas(predicted, theta, end):
 
 
 thetas.of(Implicit)(lambda work, theta, end: _thetas(work.predicted, theta, end))
+
+
+@hold_solution.of(Implicit)
+def _hold(work, solved):
+    _copy(work.scratch.Z, solved.scratch.Z)
+    _copy(work.scratch.C, solved.scratch.C)
+
+
+@inline
+def _copy(numbers, solved):
+    for i in range(len(solved)):
+        for k in range(solved.shape[1]):
+            numbers[i, k] = solved[i, k]
 
 
 def _euler_workspace(sizes, zeros):

@@ -86,6 +86,11 @@ def thetas(work, theta, end):
     return theta, theta
 
 
+@overridable
+def hold_solution(work, solved):
+    """Bring the scratch of `work`, of taped numbers, to the solution that the same step has left in `solved`."""
+
+
 @by_type
 def take_adaptive_step(work, run, y, t, length):
     """Move y over a step of at most `length` [s] from t; return the step, 0 if the tolerance needs one too small."""

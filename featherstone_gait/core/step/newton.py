@@ -27,7 +27,7 @@ from ..compile.by_type import overridable
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
 from ..compile.optional import any_present, item_or_zero, only_if, plus_item, slice_if
-from ..compile.taped import ENTRY, constant, noting, set_noting
+from ..compile.taped import constant, noting
 from ..effects.actuator import actuator_force, rotor_of
 from ..effects.ball_spring import place_ball_springs, plus_ball_spring
 from ..effects.contact import (
@@ -181,8 +181,24 @@ def find_velocities(forces, rotor, contact, step):
     if forces is None:
         _solve_free(step.scene.armature, step.predicted, step)
         return
+    _iterate(noting(step.y), rotor, contact, step)
+
+
+@inline
+def _iterate(noted, rotor, contact, step):
+    """Iterate; for gradients, whose scratch holds a solution, take one pass from there (taped.py).
+
+    The derivative of a solution is that of the linear system that it solves with the iterate held.
+    """
+    if noted is not None:
+        fraction = 1.0 + 0.0 * step.Z[VP, 0]
+        move_iterate(rotor, contact, step, fraction, fraction > 0.0)
+        linearize(rotor, step)
+        linearize_contacts(contact, step)
+        _solve_linear(step.scene.armature, step.predicted, rotor, step)
+        compare(rotor, contact, step)
+        return
     y, offsets, Z = step.y, step.offsets, step.Z
-    set_noting(y, 0)
     active = Z[VP, 0] == Z[VP, 0]  # false for a lane that is not finite
     for k in range(MAX_PASSES):
         linearize(rotor, step)
@@ -200,23 +216,6 @@ def find_velocities(forces, rotor, contact, step):
     y[offsets.newton_iterations + 1] = select(
         active, y[offsets.newton_iterations + 1] + 1.0, y[offsets.newton_iterations + 1]
     )
-    _solve_noting(noting(y), rotor, contact, step)
-
-
-@inline
-def _solve_noting(noted, rotor, contact, step):
-    """Take one more pass about the solution, of which each operation is noted for gradients (taped.py).
-
-    The derivative of a solution is that of the linear system that it solves, with the iterate held: a pass from there.
-    """
-    if noted is not None:
-        fraction = 1.0 + 0.0 * step.Z[VP, 0]
-        move_iterate(rotor, contact, step, fraction, fraction > 0.0)
-        set_noting(step.y, ENTRY)
-        linearize(rotor, step)
-        linearize_contacts(contact, step)
-        _solve_linear(step.scene.armature, step.predicted, rotor, step)
-        compare(rotor, contact, step)
 
 
 # ---------------------------------------------------------------------------------------------- the predicted state
