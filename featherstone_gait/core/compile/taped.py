@@ -33,9 +33,10 @@ from .lanes import llvm_intrinsic, sqrt
 from .optional import viewer
 from .varying import varying_viewer
 
-SPAN = 1 << 28  # [bytes] of which a tape begins at a multiple, and which it does not exceed
+SPAN = 1 << 26  # [bytes] of which a tape begins at a multiple, and which it does not exceed
 ENTRY = 32  # [bytes]: two int32, how far the operands' entries are from the first; two derivatives; the adjoint
 FIRST, SECOND, ADJOINT = 1, 2, 3  # columns of the derivatives and of the adjoint
+COLUMNS = 8  # tangents that go on together
 
 
 class _TapedType(types.Type):
@@ -335,25 +336,38 @@ class Tape:
     """
 
     def __init__(self, entries):
-        if not 1 < entries < SPAN // ENTRY:
-            raise ValueError(f"tape: {entries} entries; expected 2 to {SPAN // ENTRY - 1}: take fewer steps at once")
-        self._memory = np.empty(2 * SPAN, np.uint8)
+        self._memory = np.empty(SPAN + (entries + 2) * ENTRY, np.uint8)
         start = -self._memory.ctypes.data % SPAN
         self.numbers = self._memory[start : start + (entries + 1) * ENTRY].view(np.float64).reshape(-1, ENTRY // 8)
         self.words, self.links = self.numbers.view(np.int64), self.numbers.view(np.int32)
         self.base = int(self.numbers.ctypes.data)
         self.words[0] = self.base + ENTRY, ENTRY, self.base + entries * ENTRY, 0
 
-    def inputs(self, values):
-        """Return taped memory (..., 2) of numbers (...) that are inputs, each with an entry of its own."""
-        first = int(self.words[0, 0] - self.base) // ENTRY
-        made = lanes.aligned((*np.shape(values), 2))
-        made[..., 0] = values
-        count = made[..., 0].size
-        made.view(np.int64)[..., 1] = self.base + ENTRY * np.arange(first, first + count).reshape(np.shape(values))
+    @property
+    def first(self):
+        """The next free entry."""
+        return int(self.words[0, 0] - self.base) // ENTRY
+
+    def inputs(self, memory):
+        """Give each number of taped memory (..., 2) an entry as an input; return where these begin."""
+        first, shape = self.first, memory.shape[:-1]
+        count = int(np.prod(shape))
+        memory.view(np.int64)[..., 1] = self.base + ENTRY * np.arange(first, first + count).reshape(shape)
         self.words[first : first + count] = 0
         self.words[0, 0] += count * ENTRY
-        return made
+        return first
+
+
+@inline
+def place_of(address):
+    """Return which entry is at an address, 0 of a constant."""
+    return (address & (SPAN - 1)) // ENTRY
+
+
+@inline
+def used(words):
+    """Return how many entries are in use."""
+    return place_of(words[0, 0])
 
 
 @inline
@@ -368,7 +382,7 @@ def begin(words, first):
 def as_input(words, number):
     """Return a number as an input, with an entry of its own."""
     address = words[0, 0]
-    at = (address & (SPAN - 1)) // ENTRY
+    at = place_of(address)
     for k in range(ENTRY // 8):
         words[at, k] = 0
     words[0, 0] = address + ENTRY
@@ -378,20 +392,29 @@ def as_input(words, number):
 @inline
 def add_adjoint(numbers, x, weight):
     """Add to the adjoint of a taped number, if it depends on an input."""
-    at = (entry_of(x) & (SPAN - 1)) // ENTRY
-    numbers[at, ADJOINT] += weight
+    numbers[place_of(entry_of(x)), ADJOINT] += weight
 
 
 @kernel
 def sweep(numbers, links, words, first):
     """Gather adjoints from the last entry back to `first`; what a result depends on has its derivative then."""
-    last = (words[0, 0] & (SPAN - 1)) // ENTRY
+    last = used(words)
     for k in range(last - first):
         at = last - 1 - k
         weight = numbers[at, ADJOINT]
         if weight != 0.0:
             numbers[links[at, 0] // ENTRY, ADJOINT] += numbers[at, FIRST] * weight
             numbers[links[at, 1] // ENTRY, ADJOINT] += numbers[at, SECOND] * weight
+
+
+@kernel
+def push_on(numbers, links, words, first, directions):
+    """Fill the tangents (entries, COLUMNS) of the entries from `first` on from those before."""
+    for at in range(first, used(words)):
+        a, b = links[at, 0] // ENTRY, links[at, 1] // ENTRY
+        by_a, by_b = numbers[at, FIRST], numbers[at, SECOND]
+        for c in range(COLUMNS):
+            directions[at, c] = by_a * directions[a, c] + by_b * directions[b, c]
 
 
 def constant(x):

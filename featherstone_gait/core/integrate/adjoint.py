@@ -1,21 +1,37 @@
-"""The adjoint of a run at fixed steps: the derivative of a result by all inputs, from the end of the run to its start.
+"""Derivatives of a run at fixed steps: the adjoint from its end to its start, and tangents from its start to its end.
 
-Let y[k] be the state after the ticks at step k.  A run is y[k] = F(y[k-1], p), F one step and what happens at its end,
-and a result has the derivative g[k] by y[k] where it is recorded.  Then
+Let y[k] be the state after the ticks at step k.  A run is y[k] = F(y[k-1], p), F one step and what happens at its end;
+a result has the derivative g[k] by y[k] where it is recorded.  Then its derivatives are
 
     l[N] = g[N],    l[k-1] = dF/dy' l[k] + g[k-1],    dJ/dp = sum over k of dF/dp' l[k],
 
-and the tape of one step (taped.py) gives both products at the cost of a few steps, however many parameters there are.
+at the cost of a few steps each, however many parameters there are; and of few parameters in the directions D
+
+    t[k] = dF/dy t[k-1] + dF/dp D,
+
+which gives the derivatives of all that is recorded.  Both products come from the tape of one step (taped.py).
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import entry, kernel
+from ..compile.jit import entry, inline, kernel
 from ..compile.structure import structure
-from ..compile.taped import add_adjoint, as_input, as_taped, begin, on_tape, sweep
-from ..compile.taped import ADJOINT, ENTRY, SPAN
+from ..compile.taped import (
+    ADJOINT,
+    COLUMNS,
+    add_adjoint,
+    as_input,
+    as_taped,
+    begin,
+    entry_of,
+    on_tape,
+    place_of,
+    push_on,
+    sweep,
+    used,
+)
 from ..step.signals import time_of
 from ..tree.coupling import follow
 from .integrator import hold_solution, take_step, thetas
@@ -24,62 +40,101 @@ from .rollout import between_ticks, tick
 
 @structure
 class Noted(NamedTuple):
-    """The tape and what goes back along it."""
+    """The tape of a step, the states between steps, and what goes along."""
 
     numbers: np.ndarray  # (entries, 4) of `Tape`
     links: np.ndarray
     words: np.ndarray
     first: int  # entry after those of the inputs
+    start: np.ndarray  # (length,) state before the ticks at the start
     past: np.ndarray  # (steps + 1, length) states after the ticks at each step
-    seeds: np.ndarray  # (records, channels) derivatives of the result by what was recorded
-    adjoint: np.ndarray  # (length,) derivatives by the state: at the end, and then at the start
     state: np.ndarray  # (length,) scratch
 
 
 @entry
-def pull_back(run, y, plain, noted, start):
-    """Take the adjoint from the end of a run to its start, the state `start` (length,) before the first ticks.
+def pull_back(run, y, plain, noted, seeds, adjoint):
+    """Take the adjoint (length,) from the end of a run to its start.
 
     run, y: with memory of taped numbers (..., 2); plain: the run with its own memory, which solves each step before it
-    is noted.  Returns how much of the tape the longest step took, more than it holds if it was too small.
+    is noted; seeds (records, channels): derivatives of the result by what is recorded.  Returns how many entries the
+    longest step took, at least as many as the tape has if it was too small.
     """
-    return _pull_back(on_tape(run), as_taped(y), plain, noted, start)
+    return _pull_back(on_tape(run), as_taped(y), plain, noted, seeds, adjoint)
 
 
 @kernel
-def _pull_back(run, y, plain, noted, start):
-    plan, words, most = run.plan, noted.words, 0
-    end = start[run.offsets[0].end_time]
-    first_theta, theta = thetas(run.work, plan.theta, end)
+def _pull_back(run, y, plain, noted, seeds, adjoint):
+    plan, most = run.plan, 0
     for k in range(plan.steps, -1, -1):
         if k % plan.per_sample == 0:
             for j in range(len(run.channels)):
-                noted.adjoint[run.channels[j]] += noted.seeds[k // plan.per_sample, j]
-        begin(words, noted.first)
-        before = noted.past[max(k - 1, 0)]
-        if k == 0:
-            before = start
+                adjoint[run.channels[j]] += seeds[k // plan.per_sample, j]
+        note(run, y, plain, noted, k)
         for i in range(len(y)):
-            y[i] = as_input(words, before[i])
-        if k > 0:
-            t, th = time_of(plan, k - 1), theta
-            if k == 1:
-                th = first_theta
-            for i in range(len(y)):
-                noted.state[i] = before[i]
-            take_step(plain.work, plain, noted.state, t, th)
-            hold_solution(run.work, plain.work)
-            take_step(run.work, run, y, t, th)
-            follow(run.scene.coupling, run.offsets[0], y)
-        if k < plan.steps:
-            if k % plan.per_tick == 0:
-                tick(run, k, time_of(plan, k), y)
-            else:
-                between_ticks(run.scene.firmware.delay, run, k, y)
+            add_adjoint(noted.numbers, y[i], adjoint[i])
+        sweep(noted.numbers, noted.links, noted.words, noted.first)
+        most = max(most, used(noted.words))
         for i in range(len(y)):
-            add_adjoint(noted.numbers, y[i], noted.adjoint[i])
-        sweep(noted.numbers, noted.links, words, noted.first)
-        most = max(most, (words[0, 0] & (SPAN - 1)) // ENTRY)
-        for i in range(len(y)):
-            noted.adjoint[i] = noted.numbers[noted.first + i, ADJOINT]
+            adjoint[i] = noted.numbers[noted.first + i, ADJOINT]
     return most
+
+
+@entry
+def push_forward(run, y, plain, noted, directions, tangents, out):
+    """Take tangents (length, COLUMNS) from the start of a run to its end.
+
+    directions (entries, COLUMNS): those of the inputs in its first rows; out (records, channels, COLUMNS): tangents of
+    what is recorded.  The others and the returned number are those of `pull_back`.
+    """
+    return _push_forward(on_tape(run), as_taped(y), plain, noted, directions, tangents, out)
+
+
+@kernel
+def _push_forward(run, y, plain, noted, directions, tangents, out):
+    plan, most = run.plan, 0
+    for k in range(plan.steps + 1):
+        note(run, y, plain, noted, k)
+        for i in range(len(y)):
+            for c in range(COLUMNS):
+                directions[noted.first + i, c] = tangents[i, c]
+        push_on(noted.numbers, noted.links, noted.words, noted.first + len(y), directions)
+        most = max(most, used(noted.words))
+        for i in range(len(y)):
+            for c in range(COLUMNS):
+                tangents[i, c] = directions[place_of(entry_of(y[i])), c]
+        if k % plan.per_sample == 0:
+            for j in range(len(run.channels)):
+                for c in range(COLUMNS):
+                    out[k // plan.per_sample, j, c] = tangents[run.channels[j], c]
+    return most
+
+
+@kernel
+def note(run, y, plain, noted, k):
+    """Note the step to the grid step k and the ticks there, from the state before, whose entries come first."""
+    plan, before = run.plan, noted.past[max(k - 1, 0)]
+    if k == 0:
+        before = noted.start
+    begin(noted.words, noted.first)
+    for i in range(len(y)):
+        y[i] = as_input(noted.words, before[i])
+        noted.state[i] = before[i]
+    if k > 0:
+        first_theta, theta = thetas(plain.work, plan.theta, noted.start[run.offsets[0].end_time])
+        if k == 1:
+            theta = first_theta
+        t = time_of(plan, k - 1)
+        take_step(plain.work, plain, noted.state, t, theta)
+        hold_solution(run.work, plain.work)
+        take_step(run.work, run, y, t, theta)
+        follow(run.scene.coupling, run.offsets[0], y)
+    if k < plan.steps:
+        _ticks(run, y, k)
+
+
+@inline
+def _ticks(run, y, k):
+    if k % run.plan.per_tick == 0:
+        tick(run, k, time_of(run.plan, k), y)
+    else:
+        between_ticks(run.scene.firmware.delay, run, k, y)

@@ -1,0 +1,238 @@
+"""A run with its derivatives: what it records, and the adjoint and tangents of that by all that it starts from.
+
+The inputs are the state at the start, the cubics of reference and torques, and those numbers of the scene that differ
+between given scenes, as in lanes (lane_constants.py).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core.compile.lanes import aligned
+from ..core.compile.taped import ADJOINT, COLUMNS, ENTRY, SPAN, Tape
+from ..core.compile.varying import Varying, varying_fields
+from ..core.integrate.adjoint import Noted, pull_back, push_forward
+from ..core.integrate.rollout import OK, rollout_one
+from .compiled_run import CompiledRun, RunInput, Vector
+from .lane_constants import has_varying, merge
+
+FIXED_STEPS = ("implicit_euler", "midpoint", "rk4")
+ENTRIES = 2**16  # of a tape at first: a step of a humanoid takes 20 000
+MOST_ENTRIES = SPAN // ENTRY - 2
+MOST_STATES = 5 * 2**20  # numbers of states that are kept at once (40 MB); longer runs are cut into segments
+
+
+class Slot(NamedTuple):
+    """Numbers that are inputs."""
+
+    path: tuple[str, ...]  # of fields, from the run
+    name: str | None  # of a field of records
+    first: int  # their first entry
+    shape: tuple[int, ...]
+
+
+class Adjoint:
+    """Derivatives of one run.
+
+    compiled: the run; start: what it starts from; others: runs of scenes of the same structure, whose numbers that
+    differ from the run's are inputs too.
+    """
+
+    def __init__(self, compiled: CompiledRun, start: RunInput, others: Sequence[CompiledRun] = ()) -> None:
+        check(compiled)
+        self.compiled, self.start = compiled, start
+        constants = [compiled.scene.constants, *(other.scene.constants for other in others)]
+        self.merged = merge(constants, 2) if others else constants[0]
+        self.length = len(start.y)
+        self._make(ENTRIES)
+
+    def _make(self, entries: int) -> None:
+        one = Vector.of(self.compiled, [self.start], 1)
+        self.tape, self.slots = Tape(entries), []
+        run = _with_memory(one.run)
+        signals = one.run.signals
+        for name in ("reference", "torques"):
+            knots = getattr(signals, name)
+            if knots is not None:
+                cubics = self._inputs(("signals", name), None, knots.cubics, taped_zeros(knots.cubics.shape))
+                run = run._replace(signals=run.signals._replace(**{name: knots._replace(cubics=cubics)}))
+        scene = self._of_constants(("scene",), self.merged, self.compiled.scene.constants)
+        self.taped, self.first = run._replace(scene=scene), self.tape.first
+        self.plain, self.y = one.run, taped_zeros(self.length)
+
+    def _inputs(self, path: tuple[str, ...], name: str | None, values: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        memory[..., 0] = values
+        self.slots.append(Slot(path, name, self.tape.inputs(memory), np.shape(values)))
+        return memory
+
+    def _of_constants(self, path: tuple[str, ...], merged: Any, own: Any) -> Any:
+        """Return constants whose `Varying` numbers are inputs."""
+        if isinstance(merged, Varying):
+            names = merged.values.dtype.names
+            if names is None:
+                return Varying(self._inputs(path, None, own, merged.values))
+            for name in varying_fields(merged.values.dtype):
+                memory = taped_zeros(own[name].shape)
+                self._inputs(path, name, own[name], memory)
+                merged.values[name] = memory
+            return merged
+        if isinstance(merged, tuple) and has_varying(merged):
+            fields = zip(merged._fields, merged, own)  # type: ignore[attr-defined]
+            return type(merged)(*(self._of_constants((*path, name), each, one) for name, each, one in fields))
+        return own
+
+    @functools.cached_property
+    def segments(self) -> list[tuple[int, int]]:
+        """First step and number of steps of the pieces whose states are kept at once, each whole ticks and records."""
+        plan = self.plain.plan
+        whole = int(np.lcm(plan.per_tick, plan.per_sample))
+        kept = max(MOST_STATES // self.length // whole * whole, whole)
+        return [(first, min(kept, plan.steps - first)) for first in range(0, max(plan.steps, 1), kept)]
+
+    def run(self) -> np.ndarray:
+        """Run forwards: return what is recorded (records, channels), and keep the state at the start of each segment."""
+        plan, pieces = self.plain.plan, []
+        y, self.starts = self.start.y.copy(), []
+        for n, (first, steps) in enumerate(self.segments):
+            self.starts.append(y.copy())
+            states = self._states(y, first, steps)
+            last = n == len(self.segments) - 1
+            pieces.append(states[:: plan.per_sample][: None if last else steps // plan.per_sample, self.plain.channels])
+        self.final, self.states = y, states
+        return np.concatenate(pieces)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run has failed before its end."""
+        return bool(self.final[self.compiled.scene.layout["status"]] != OK)
+
+    def _states(self, y: np.ndarray, first: int, steps: int) -> np.ndarray:
+        """Advance y over a segment; return its states after the ticks at each step (steps + 1, length)."""
+        run, states = self._segment(self.plain, first, steps), np.zeros((steps + 1, self.length))
+        run = run._replace(channels=np.arange(self.length), plan=run.plan._replace(per_sample=1))
+        self.compiled.call(rollout_one, run, y, states)
+        return states
+
+    @staticmethod
+    def _segment(run: Any, first: int, steps: int) -> Any:
+        return run._replace(plan=run.plan._replace(first=run.plan.first + first, steps=steps))
+
+    def pull(self, seeds: np.ndarray, final: np.ndarray | None = None) -> np.ndarray:
+        """Return the derivative of a result by the state at the start (length,), and keep those by other inputs.
+
+        seeds (records, channels): derivatives of the result by what `run` has returned; final (length,): by the state
+        at the end, if it depends on that.
+        """
+        while True:
+            adjoint = np.zeros(self.length) if final is None else np.array(final, dtype=float)
+            self.tape.numbers[: self.first, ADJOINT] = 0.0
+            if all(self._pull(n, seeds, adjoint) for n in reversed(range(len(self.segments)))):
+                self.adjoints = self.tape.numbers[: self.first, ADJOINT].copy()
+                return adjoint
+            self._grow()
+
+    def _pull(self, n: int, seeds: np.ndarray, adjoint: np.ndarray) -> bool:
+        """Take the adjoint over a segment; return whether the tape was large enough."""
+        (first, steps), every = self.segments[n], self.plain.plan.per_sample
+        states = self._kept(n)
+        own = np.array(seeds[first // every : (first + steps) // every + 1], dtype=float)
+        if n < len(self.segments) - 1:
+            own[-1] = 0.0  # which the next segment begins with
+        return self._fits(pull_back(*self._arguments(n, states), own, adjoint))
+
+    def push(self, tangents: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the tangents of what is recorded (records, channels, count) and of the final state (length, count).
+
+        tangents (length, count): of the state at the start; directions (entries, count): of the other inputs, see
+        `entries`.
+        """
+        parts = []
+        for at in range(0, max(tangents.shape[1], 1), COLUMNS):
+            part = slice(at, at + COLUMNS)
+            parts.append(self._push(tangents[:, part], directions[:, part]))
+        return np.concatenate([out for out, _ in parts], axis=2), np.concatenate([end for _, end in parts], axis=1)
+
+    def _push(self, tangents: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        count, every = tangents.shape[1], self.plain.plan.per_sample
+        while True:
+            along, given = np.zeros((self.length, COLUMNS)), np.zeros((len(self.tape.numbers), COLUMNS))
+            along[:, :count], given[: len(directions), :count] = tangents, directions
+            out = np.zeros((self.compiled.samples, len(self.compiled.channels), COLUMNS))
+            for n, (first, steps) in enumerate(self.segments):
+                part = out[first // every : (first + steps) // every + 1]
+                if not self._fits(push_forward(*self._arguments(n, self._kept(n)), given, along, part)):
+                    break
+            else:
+                return out[..., :count], along[:, :count]
+            self._grow()
+
+    def _kept(self, n: int) -> np.ndarray:
+        """Return the states of a segment, computed again but for the last."""
+        if n == len(self.segments) - 1:
+            return self.states
+        return self._states(self.starts[n].copy(), *self.segments[n])
+
+    def _arguments(self, n: int, states: np.ndarray) -> tuple[Any, ...]:
+        tape, (first, steps) = self.tape, self.segments[n]
+        start = np.zeros(self.length)
+        noted = Noted(tape.numbers, tape.links, tape.words, self.first, self.starts[n], states, start)
+        self.y[...] = 0.0
+        return self._segment(self.taped, first, steps), self.y, self._segment(self.plain, first, steps), noted
+
+    def _fits(self, used: int) -> bool:
+        return used < len(self.tape.numbers) - 1
+
+    def _grow(self) -> None:
+        entries = 4 * len(self.tape.numbers)
+        if entries > MOST_ENTRIES:
+            raise ValueError(f"{self.compiled.scene.model.name}: a step takes more than {MOST_ENTRIES} operations")
+        self._make(entries)
+
+    @property
+    def entries(self) -> int:
+        """How many rows the directions of `push` have: one for constants, and one for each input but the state."""
+        return self.first
+
+    def values(self, slot: Slot, run: Any = None) -> np.ndarray:
+        """Return the numbers of a slot in a run, by default in this one."""
+        found = self.plain if run is None else run
+        for name in slot.path:
+            found = getattr(found, name)
+        return np.asarray(found.cubics if slot.path[0] == "signals" else found if slot.name is None else found[slot.name])
+
+    def derivative(self, slot: Slot) -> np.ndarray:
+        """Return the derivative of the last `pull` by the numbers of a slot, in their shape."""
+        return self.adjoints[slot.first : slot.first + int(np.prod(slot.shape))].reshape(slot.shape)
+
+
+def check(compiled: CompiledRun) -> None:
+    """Raise ValueError for runs without derivatives."""
+    scene = compiled.scene
+    if scene.integrator not in FIXED_STEPS:
+        raise ValueError(
+            f"{scene.model.name}: gradients need fixed steps, by {', '.join(FIXED_STEPS)}; its integrator is "
+            f"{scene.integrator}: compile_scene(..., integrator='midpoint')"
+        )
+    if compiled.controller is not None:
+        raise ValueError(f"{scene.model.name}: gradients through a compiled controller are not there; leave it out")
+
+
+def taped_zeros(shape: int | tuple[int, ...]) -> np.ndarray:
+    """Return memory of taped numbers, all constants 0."""
+    return aligned((*((shape,) if isinstance(shape, int) else shape), 2))
+
+
+def _with_memory(x: Any) -> Any:
+    """Return what a kernel reads with memory of taped numbers in place of that of numbers, but for what is shared."""
+    if isinstance(x, tuple):
+        shared = getattr(x, "SHARED", ())
+        return type(x)(*(each if name in shared else _with_memory(each) for name, each in zip(x._fields, x)))  # type: ignore[attr-defined]
+    if isinstance(x, np.ndarray) and x.dtype == float:
+        memory = taped_zeros(x.shape)
+        memory[..., 0] = x
+        return memory
+    return x
