@@ -7,7 +7,7 @@ between given scenes, as in lanes (lane_constants.py).
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,7 +52,8 @@ class Adjoint:
 
     def _make(self, entries: int) -> None:
         one = Vector.of(self.compiled, [self.start], 1)
-        self.tape, self.slots = Tape(entries), []
+        self.tape = Tape(entries)
+        self.slots: list[Slot] = []
         run = _with_memory(one.run)
         signals = one.run.signals
         for name in ("reference", "torques"):
@@ -94,7 +95,7 @@ class Adjoint:
         return [(first, min(kept, plan.steps - first)) for first in range(0, max(plan.steps, 1), kept)]
 
     def run(self) -> np.ndarray:
-        """Run forwards: return what is recorded (records, channels), and keep the state at the start of each segment."""
+        """Run forwards: return what is recorded (records, channels), and keep the states at which segments start."""
         plan, pieces = self.plain.plan, []
         y, self.starts = self.start.y.copy(), []
         for n, (first, steps) in enumerate(self.segments):
@@ -202,7 +203,9 @@ class Adjoint:
         found = self.plain if run is None else run
         for name in slot.path:
             found = getattr(found, name)
-        return np.asarray(found.cubics if slot.path[0] == "signals" else found if slot.name is None else found[slot.name])
+        if slot.path[0] == "signals":
+            found = found.cubics
+        return np.asarray(found if slot.name is None else found[slot.name])
 
     def derivative(self, slot: Slot) -> np.ndarray:
         """Return the derivative of the last `pull` by the numbers of a slot, in their shape."""
@@ -230,7 +233,8 @@ def _with_memory(x: Any) -> Any:
     """Return what a kernel reads with memory of taped numbers in place of that of numbers, but for what is shared."""
     if isinstance(x, tuple):
         shared = getattr(x, "SHARED", ())
-        return type(x)(*(each if name in shared else _with_memory(each) for name, each in zip(x._fields, x)))  # type: ignore[attr-defined]
+        fields = zip(x._fields, x)  # type: ignore[attr-defined]
+        return type(x)(*(each if name in shared else _with_memory(each) for name, each in fields))
     if isinstance(x, np.ndarray) and x.dtype == float:
         memory = taped_zeros(x.shape)
         memory[..., 0] = x

@@ -2,8 +2,8 @@
 
 A kernel compiled with `Taped` arguments computes what it computes with float64, to the same bits, and writes each
 operation on a number that depends on an input onto a tape: which numbers it took, and its derivatives by them.  `sweep`
-goes back over the tape and gathers what each entry adds to the derivative of a result (reverse accumulation: A. Griewank
-and A. Walther, Evaluating Derivatives, 2008, section 3.2).
+goes back over the tape and gathers what each entry adds to the derivative of a result (reverse accumulation:
+A. Griewank and A. Walther, Evaluating Derivatives, 2008, section 3.2).
 
 A value is a float64 and the address of its entry, 0 of a constant.  The tape lies at a multiple of `SPAN`, so that each
 address tells where it begins; its first entry has the address of the next free one, how far that moves,
@@ -21,7 +21,6 @@ import operator
 import llvmlite.ir as ir
 import numpy as np
 from numba import types
-from numba.core import cgutils
 from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infer_global, signature
@@ -106,9 +105,9 @@ def _note(builder, function, number, operands, slopes):
         matters = this if matters is None else builder.or_(matters, this)
     matters = builder.and_(matters, builder.icmp_unsigned("<", free, end))
     entry = builder.inttoptr(free, ir.PointerType(_HALF))
-    for k in range(2):
-        far = builder.trunc(builder.and_(operands[k], ir.Constant(_WORD, SPAN - 1)), _HALF) if k < len(operands) else None
-        builder.store(ir.Constant(_HALF, 0) if far is None else far, builder.gep(entry, [ir.Constant(_HALF, k)]))
+    for k, operand in enumerate((*operands, zero)[:2]):
+        far = builder.trunc(builder.and_(operand, ir.Constant(_WORD, SPAN - 1)), _HALF)
+        builder.store(far, builder.gep(entry, [ir.Constant(_HALF, k)]))
     numbers = builder.bitcast(entry, ir.PointerType(_NUMBER))
     for k in range(2):
         slope = slopes[k] if k < len(slopes) else ir.Constant(_NUMBER, 0.0)
@@ -272,7 +271,7 @@ _as_taped = lanes.viewing(Taped)
 
 
 def as_taped(array):
-    """View a float64 array (..., 2), C-contiguous, of numbers and the addresses of their entries as taped numbers (...)."""
+    """View a float64 array (..., 2), C-contiguous, of numbers and addresses of their entries as taped numbers (...)."""
     raise NotImplementedError("taped numbers need compiled kernels: unset NUMBA_DISABLE_JIT")
 
 
