@@ -50,7 +50,7 @@ class Chart:
         turns: list[int] = []
         reads: list[int] = []
         moves: list[tuple[int, int, float]] = []  # number of the state, deviation, factor
-        self.states, sticky = 0, sticks(scene.constants.friction)
+        self.states, sticky = 0, sticks(scene.constants.friction, scene.constants.tendons)
         for name in self.channels:
             for label, at, moved in coordinates_of(scene, name):
                 k = len(self.names)

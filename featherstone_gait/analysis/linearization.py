@@ -471,7 +471,7 @@ def _discontinuous(found: _Columns, least: np.ndarray) -> np.ndarray:
 @functools.lru_cache(maxsize=128)
 def _named(scene: CompiledScene, chart: AnyChart, signals: tuple[str, ...]) -> tuple[tuple[str, ...], np.ndarray]:
     """Return the names of all columns and their first widths."""
-    sticky = sticks(scene.constants.friction)
+    sticky = sticks(scene.constants.friction, scene.constants.tendons)
     widths = [*chart.widths, *(width_of(scene, sticky, name.split()[0], "") for name in signals)]
     return (*chart.names, *signals), np.array(widths)
 

@@ -257,10 +257,10 @@ def tied(arm: Model) -> Model:
     return replace(arm, loops=(Loop("rod", "distance", link, arm.root, point_b=(x + 0.3, y, z), distance=0.3),))
 
 
-def strung(model: Model) -> Model:
+def strung(model: Model, **changes: Any) -> Model:
     """Return the model with a tendon along its last ten joints, a spring with a damper."""
     pulleys = tuple((name, 0.02) for name in model.joint_names[-10:])
-    return replace(model, tendons=(Tendon("tendon", pulleys, stiffness=100.0, damping=1.0),))
+    return replace(model, tendons=(Tendon("tendon", pulleys, stiffness=100.0, damping=1.0, **changes),))
 
 
 def roped(model: Model, *between: Wrap, start: str | None = "link10") -> Model:
@@ -314,6 +314,8 @@ def arm_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("no loop (chain of 20 joints)", rollout(chain(), integrator="rk4"), rollout(tied(chain()), integrator="rk4"),
          "the same"),
         ("no tendon (chain of 20 joints)", rollout(chain()), rollout(strung(chain())), "one along the last ten joints"),
+        ("no friction and inertia of a tendon (chain of 20 joints)", rollout(strung(chain())),
+         rollout(strung(chain(), friction=0.1, armature=0.1)), "the same tendon"),
         ("no shape around which a tendon runs (chain of 20 joints)", rollout(roped(chain())),
          rollout(roped(chain(), Wrap("link15", "sphere", 0.03))), "a sphere"),
         ("no end of a tendon in the world (floating chain)", rollout(roped(floating)),

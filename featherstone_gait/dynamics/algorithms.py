@@ -8,7 +8,10 @@ of states, ``(n, nv)``; then eight states go through the kernels at once, with t
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +20,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import HUGE, floats, instance, listed, shown, vector
 from ..base.brief import FEW, brief
 from ..base.deprecated import warn
-from ..base.fixed_order import applied, product, total
+from ..base.fixed_order import applied, product, solve, total
 from ..base.portable_math import angle
 from ..core.compile.elementary import SINCOS_LIMIT
 from ..core.compile.lanes import WIDTH, aligned
@@ -27,7 +30,7 @@ from ..core.tree.layout import Motion, Robot
 from ..core.tree.loop import SIZE as ROW_SIZE
 from ..core.tree.rows import SIDE
 from ..core.tree.wrap import ways_around
-from ..model import Model, Spring, Tendon, Via, Wrap
+from ..model import Loop, Model, Spring, Tendon, Via, Wrap
 from ..model.degrees import ball_name, is_first
 from ..model.numpy_dynamics import Poses, what_is_loose
 from ..model.tree_checks import check_springs
@@ -149,10 +152,7 @@ def forward_dynamics(
     pull = _spring_torque(model, x["q"], stiffness)
     if pull is not None:
         x["tau"] = x["tau"] + pull
-    if model.loops:
-        out = _closed(model, x, wrench, robot)[0]
-    else:
-        out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, robot)
+    out = _accelerations(model, _less_inertia(model, x, wrench, robot), wrench, robot)
     for row in np.flatnonzero(~np.isfinite(out).all(axis=1)):
         loose = what_is_loose(model, x["q"][row], robot.armature)
         if loose is not None:
@@ -204,7 +204,7 @@ def loop_forces(
     pull = _spring_torque(model, x["q"], stiffness)
     if pull is not None:
         x["tau"] = x["tau"] + pull
-    return _shaped(_closed(model, x, wrench, robot)[1], q, qd, tau)
+    return _shaped(_closed(model, _less_inertia(model, x, wrench, robot), wrench, robot)[1], q, qd, tau)
 
 
 def loop_gaps(model: Model, q: ArrayLike) -> np.ndarray:
@@ -272,6 +272,63 @@ def loop_measures(
     return measures, J if base_J is None else np.concatenate([base_J, J], axis=2)
 
 
+def _accelerations(
+    model: Model, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot
+) -> np.ndarray:
+    """Compute accelerations (n, nv) without inertia of tendons."""
+    if model.loops:
+        return _closed(model, x, wrench, robot)[0]
+    return _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, robot)
+
+
+def _less_inertia(
+    model: Model, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot
+) -> dict[str, np.ndarray]:
+    """Return the arguments with what the inertia m of tendons takes of tau, J' f.
+
+    f = m (J a + Jdot qd) with the accelerations a = a0 - Z f, where Z are those by unit forces.
+    """
+    heavy = [one for one in model.tendons if one.armature > 0]
+    if not heavy:
+        return x
+    J, bias = _tendon_motion(model, x["q"], x["qd"], heavy)
+    root = np.sqrt([one.armature for one in heavy])
+    free = _accelerations(model, x, wrench, robot)
+    moved = [_accelerations(model, x | {"tau": x["tau"] + J[:, k]}, wrench, robot) - free for k in range(len(heavy))]
+    Z = product(J, np.stack(moved, axis=2))
+    A = np.eye(len(heavy)) + root[:, None] * Z * root
+    f = root[:, None] * solve(A, root[:, None] * (applied(J, free) + bias)[..., None])
+    return x | {"tau": x["tau"] - applied(np.swapaxes(J, 1, 2), f[..., 0])}
+
+
+def _tendon_motion(
+    model: Model, q: np.ndarray, qd: np.ndarray, tendons: list[Tendon]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute how the lengths of straight tendons change: J (n, k, nv), and Jdot qd (n, k)."""
+    J, bias = np.zeros((len(q), len(tendons), model.nv)), np.zeros((len(q), len(tendons)))
+    rods, of = list[Loop](), list[tuple[int, float]]()
+    for k, tendon in enumerate(tendons):
+        for name, c in tendon.joints:
+            if name not in model.held:
+                J[:, k, model.qd_index(name)] += c
+        for before, after in itertools.pairwise(tendon.path):
+            a, b = (before, after) if before.link else (after, before)
+            if isinstance(after, Via) and after.share > 0 and a.link is not None:  # not from world to world
+                rods.append(Loop(f"{len(rods)}", "distance", a.link, b.link, a.point, b.point, distance=1.0))
+                of.append((k, after.share))
+    if rods:
+        measures, rows = loop_measures(_with_rods(model, tuple(rods)), q, qd)
+        for r, (k, share) in enumerate(of):
+            J[:, k] += share * rows[:, r]
+            bias[:, k] += share * measures[:, 2, r]
+    return J, bias
+
+
+@functools.lru_cache(maxsize=16)
+def _with_rods(model: Model, rods: tuple[Loop, ...]) -> Model:
+    return replace(model, loops=rods)
+
+
 def _closed(
     model: Model, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -337,6 +394,11 @@ def inverse_dynamics(
     x = _arguments(model, q=q, qd=qd, qdd=qdd)
     out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, _robot(model, armature, gravity))
     pull = _spring_torque(model, x["q"], stiffness)
+    heavy = [one for one in model.tendons if one.armature > 0]
+    if heavy:
+        J, bias = _tendon_motion(model, x["q"], x["qd"], heavy)
+        f = [one.armature for one in heavy] * (applied(J, x["qdd"]) + bias)
+        out = out + applied(np.swapaxes(J, 1, 2), f)
     return _shaped(out if pull is None else out - pull, q, qd, qdd)
 
 
@@ -367,6 +429,10 @@ def mass_matrix(model: Model, q: ArrayLike, *, armature: ArrayLike | None = None
     x, tree = _arguments(model, q=q), compile_tree(model)
     H = np.zeros((len(x["q"]), model.nv, model.nv))
     batch.crba_rows(_robot(model, armature, np.zeros(3)), _still(tree, x["q"]), _work(tree), H)
+    heavy = [one for one in model.tendons if one.armature > 0]
+    if heavy:
+        J, _ = _tendon_motion(model, x["q"], np.zeros((len(H), model.nv)), heavy)
+        H += product(np.swapaxes(J, 1, 2) * [one.armature for one in heavy], J)
     return _shaped(H, q)
 
 
@@ -458,6 +524,11 @@ def energy(
             out[:, 1] += 0.5 * joint.stiffness * total(rotation_vectors(model, x, first) ** 2)
     if any(one.stiffness > 0 for one in model.tendons):
         out[:, 1] += total(tendon_energy(model, x))
+    heavy = [one for one in model.tendons if one.armature > 0]
+    if heavy:
+        rates = _arguments(model, q=q, qd=qd)
+        speed = applied(_tendon_motion(model, rates["q"], rates["qd"], heavy)[0], rates["qd"])
+        out[:, 0] += total(0.5 * np.array([one.armature for one in heavy]) * speed**2)
     for link in model.links:
         if link.gravity_compensation:
             rotation, position = forward_kinematics(model, x, link.name)

@@ -108,7 +108,7 @@ class Wrap:
 
 @dataclass(frozen=True)
 class Tendon:
-    """A tendon, whose length depends on several joints, with a spring, a damper, limits and a drive along it.
+    """A tendon, whose length depends on several joints, with what acts along it: a spring, friction, limits, a drive.
 
     The length is the sum of joint positions times coefficients (a fixed tendon), or of the distances of points that
     follow each other (a spatial one).  A force f along it, positive where it lengthens, turns each joint with the
@@ -130,6 +130,11 @@ class Tendon:
         Length at which the spring is slack, or the two ends of a range in which it is [m or rad].
     lower, upper : float
         Limits of the length [m or rad], with stops like those of joints.
+    friction : float
+        Coulomb friction along the length [N or N m]: it holds the length, or opposes its change.
+    armature : float
+        Inertia m along the length, such as that of what it turns, with the energy m (dl/dt)^2 / 2 [kg or kg m^2]; not
+        of a tendon around shapes.
     controller : Controller, optional
         Torque law ("pd" or "pd_clamped") of a drive that pulls along the tendon, with the length l in place of an
         angle: f = Kp (reference - l) - Kd dl/dt, within `torque_limit` [N or N m].  The columns of `reference` and
@@ -151,6 +156,8 @@ class Tendon:
     lower: float = -math.inf
     upper: float = math.inf
     controller: Controller | None = None
+    friction: float = quantity(">= 0", "N or N m", 0.0, "0 is no friction")
+    armature: float = quantity(">= 0", "kg or kg m^2", 0.0, "0 is no inertia")
 
     __repr__ = brief
 
@@ -171,8 +178,9 @@ class Tendon:
 
     @property
     def acts(self) -> bool:
-        """Return whether the tendon has a spring, a damper, a limit or a drive."""
-        return self.stiffness > 0 or self.damping > 0 or self.limited or self.driven
+        """Return whether the tendon has a spring, a damper, friction, inertia, a limit or a drive."""
+        numbers = self.stiffness, self.damping, self.friction, self.armature
+        return any(numbers) or self.limited or self.driven
 
     @property
     def driven(self) -> bool:
@@ -205,6 +213,8 @@ class Tendon:
             yield f"{what}: limits lower {shown(self.lower)}, upper {shown(self.upper)}; expected numbers: correct them"
         elif not self.lower < self.upper or self.lower == math.inf or self.upper == -math.inf:
             yield f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: correct them"
+        if self.armature and any(isinstance(one, Wrap) for one in self.path):
+            yield f"{what}: armature is {self.armature!r}, and its path has a Wrap; leave one of them out"
         if self.controller is not None:
             yield from self._controller_flaws(what)
 

@@ -127,12 +127,18 @@ def edges_on_steps(
 def _with_coarser_tolerance(scene: CompiledScene) -> CompiledScene:
     """Return the scene whose integrator takes its steps as a second run; one object, for it remembers its layout."""
     other = replace(scene, method=scene.method._replace(second_run=True))
-    wide = None
+    wide: dict[str, Any] = {}
     if scene.method.soft:
-        wide = widened(scene.constants.friction, scene.model, scene.gearbox is not None, 2.0)
-    if wide is None:
+        found = widened(scene.constants.friction, scene.model, scene.gearbox is not None, 2.0)
+        wide |= {} if found is None else {"friction": found}
+        along = scene.constants.tendons
+        if along is not None and along.friction is not None:
+            rubs = along.friction.copy()
+            rubs["steepness"] /= 2.0
+            wide["tendons"] = along._replace(friction=rubs)
+    if not wide:
         return other
-    constants, compiled = (one._replace(friction=wide) for one in (scene.constants, scene.compiled))
+    constants, compiled = (one._replace(**wide) for one in (scene.constants, scene.compiled))
     return replace(other, constants=constants, compiled=compiled)
 
 

@@ -500,7 +500,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         fall_height=lowest,
         fall_upright=upright_cosine,
         upright=upright,
-        stiff=drive.switches or ground is not None or check.largest_explicit_step < STIFF or sticks(friction),
+        stiff=drive.switches or ground is not None or check.largest_explicit_step < STIFF or sticks(friction, tendons),
         compiled=constants,
     )
 

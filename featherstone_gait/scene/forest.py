@@ -448,7 +448,9 @@ def _tendons(members: Sequence[Member], tree: Tree, moved: Sequence[Shift]) -> T
         each = [None if one is None else one.tied for one in found]
         tied = np.concatenate([np.zeros(n, int) if one is None else one for n, one in zip(counts, each)])
     around = _concatenated(wraps) if wraps else None
-    return Tendons(_concatenated(tables), _concatenated(parts), stops, drives, around, tied)
+    rubs = _stacked([one and one.friction for one in found], counts, FRICTION)
+    armature = _rows([one and one.armature for one in found], counts)
+    return Tendons(_concatenated(tables), _concatenated(parts), stops, drives, around, tied, rubs, armature)
 
 
 def _firmware(members: Sequence[Member], counts: Sequence[int]) -> Firmware:

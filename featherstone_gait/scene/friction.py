@@ -11,6 +11,7 @@ from ..core.effects.drag import DRAG
 from ..core.effects.friction import FRICTION, SOFT, STUCK
 from ..core.effects.friction import explicit_limits as limits_of_friction
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
+from ..core.effects.tendon import Tendons
 from ..model import Joint, Model, Servo, depends_on_load_or_speed
 from .actuator import Drive, stall_torque
 from .records import fill, filled, records
@@ -85,9 +86,11 @@ def widened(friction: Friction | None, model: Model, driven: bool, factor: float
     return GearFriction(wide) if isinstance(friction, GearFriction) else wide
 
 
-def sticks(friction: Friction | None) -> bool:
-    """Return whether a joint has dry friction, whose steep part about zero speed acts like a strong damper."""
-    return isinstance(friction, GearFriction) or (friction is not None and bool(friction.coulomb_friction.any()))
+def sticks(friction: Friction | None, tendons: Tendons | None = None) -> bool:
+    """Return whether anything has dry friction, whose steep part about zero speed acts like a strong damper."""
+    if isinstance(friction, GearFriction) or (tendons is not None and tendons.friction is not None):
+        return True
+    return friction is not None and bool(friction.coulomb_friction.any())
 
 
 def explicit_limits(friction: Friction | None, drive: Drive) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

@@ -24,7 +24,7 @@ import numpy as np
 from ..base.arguments import one_of, real
 from ..base.fixed_order import product, solve
 from ..core.effects import contact, drag, joint_spring, tendon
-from ..core.effects.friction import DRY
+from ..core.effects.friction import DRY, SOFT
 from ..core.integrate import INTEGRATORS
 from ..dynamics import coupling_matrix
 from ..dynamics.tendons import rows_of
@@ -133,7 +133,8 @@ def preflight(
         steps = tuple(min(one, step) for one in steps)
     named = options.integrator is not None
     check = Preflight(tuple(limits), "", 0.0, "", named, inertias[:n], steps[0], steps[1], inertias[n:])
-    clipped = drive.actuator is not None or options.ground is not None or sticks(friction)
+    rubs = sticks(friction) or any(one.friction for one in tendons)
+    clipped = drive.actuator is not None or options.ground is not None or rubs
     integrator, step, reason = _choice(options, clipped, check)
     if options.timestep is None and drive.sampled:
         laws = [servo.controller for servo in drive.servos if servo]
@@ -184,6 +185,9 @@ def _acting(
     )
     along = ({cause: np.concatenate([own, each])} for cause, each in zip(tendon.CAUSES, numbers))
     dampers, stiff = (a | b for a, b in zip(of_joints, along))
+    if any(one.friction for one in tendons):
+        dry = np.concatenate([own, [one.friction / SOFT for one in tendons]])
+        dampers[DRY] = dampers.get(DRY, 0.0) + dry
     return dampers, stiff, rotors
 
 
@@ -282,6 +286,9 @@ def _mobility(model: Model, rotors: bytes | None, tendons: tuple[Tendon, ...]) -
     if tendons:
         J[n:] = rows_of(model, q, tendons)
     M, G = mass_matrix_at(model, q, armature), coupling_matrix(model).matrix
+    heavy = [one.armature for one in tendons]
+    if any(heavy):
+        M = M + product(J[n:].T * heavy, J[n:])
     if len(G) > len(G.T):
         M, J = product(product(G.T, M), G), product(J, G)
     return product(J, solve(M, J.T))

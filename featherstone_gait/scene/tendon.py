@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.fixed_order import applied
+from ..core.effects.friction import FRICTION, SOFT, STUCK
 from ..core.effects.stop import STOP
 from ..core.effects.tendon import BEGIN, BEND, DRIVE, JOINT, PART, POINT, TENDON, TURN, WORLD, Tendons
 from ..core.integrate.integrator import Integrator
@@ -65,7 +66,18 @@ def build_tendons(model: Model, tree: Tree, tendons: Sequence[Tendon]) -> Tendon
     drives = build_drives(tendons, len(model.moving_joints))
     around = np.concatenate(wraps).view(np.recarray) if wraps else None
     pieces = np.concatenate(parts or [records(0, PART)]).view(np.recarray)
-    return Tendons(table, pieces, None, drives, around, tied if tied.any() else None)
+    tied_to = tied if tied.any() else None
+    armature = np.array([one.armature for one in tendons])
+    rubs = _build_friction(tendons)
+    return Tendons(table, pieces, None, drives, around, tied_to, rubs, armature if armature.any() else None)
+
+
+def _build_friction(tendons: Sequence[Tendon]) -> np.recarray | None:
+    """Lay out the dry friction of tendons, as steep as implicit steps take it; None without."""
+    table, dry = records(len(tendons), FRICTION), np.array([one.friction for one in tendons])
+    table.coulomb_friction = dry
+    table.steepness = 1.0 / STUCK
+    return table if dry.any() else None
 
 
 def build_drives(tendons: Sequence[Tendon], joints: int) -> np.recarray | None:
@@ -110,9 +122,13 @@ def with_stops(
 def fold_tendons(tendons: Tendons | None, integrator: Integrator, h: float, inertias: Sequence[float]) -> None:
     """Take the springs at the end of the implicit step h [s] only where their periods need it, all or none.
 
-    As `fold_joint_springs`; inertias: those that the tendons feel [kg m^2 or kg].
+    As `fold_joint_springs`.  Dry friction is less steep where all steps are explicit.
+
+    inertias: those that the tendons feel [kg m^2 or kg].
     """
     if tendons is not None:
+        if tendons.friction is not None and integrator.soft:
+            tendons.friction.steepness = 1.0 / SOFT
         stiffness = tendons.table.stiffness + (0.0 if tendons.drives is None else tendons.drives.Kp)
         each = (k / inertia for k, inertia in zip(stiffness, inertias))
         tendons.table.fold = integrator.folds_spring or h * h * math.fsum(each) > 1.0

@@ -131,14 +131,14 @@ def test_the_work_of_tendons_closes_the_balance_of_energy(tmp_path):
     work, held = run["tendon_work"], energy(model, run["q"], run["qd"]).total
     lost = run["energy"][..., 4].sum(axis=1)
     balance = held + lost - work[..., 1:].sum(axis=(1, 2))
-    assert (np.abs(work[-1]).max(axis=0) > (1e-3, 1e-3, -1.0, 1e-2)).all()
+    assert (np.abs(work[-1]).max(axis=0)[[0, 1, 3]] > (1e-3, 1e-3, 1e-2)).all()
     assert np.ptp(held) > 0.1
     np.testing.assert_allclose(balance, balance[0], rtol=0, atol=1e-9)
     stored = tendon_energy(model, run["q"])
     np.testing.assert_allclose(work[..., 0], stored[0] - stored, rtol=0, atol=1e-9)
     way = run["tendon_length"][:, 1] - run["tendon_length"][0, 1]
     np.testing.assert_allclose(work[:, 1, 3], push[0] * way, rtol=0, atol=1e-9)  # of a motor
-    assert not work[..., 2].any()
+    assert not work[..., [2, 4]].any()
 
 
 @pytest.mark.long

@@ -596,7 +596,6 @@ def test_servos_of_two_kinds_are_remarked_on(write):
 
 DRAWN = '<equality><weld body1="hand" body2="a"/></equality>'
 WIRE = '<tendon><fixed name="wire" %s><joint joint="a" coef="1"/></fixed></tendon>'
-TENDON_FORCES = ("frictionloss", "armature")
 
 
 def test_all_reasons_come_at_once(write):
@@ -633,7 +632,6 @@ def test_all_reasons_come_at_once(write):
         (robot(f'<body><joint type="free" damping="1"/>{BALL}</body>'), "free joint"),
         (robot(f"<body><freejoint/>{BALL}</body>" * 2), "left out bodies 'body2'"),
         (robot(f'<body mocap="true" name="hand"/><body name="a"><joint/>{BALL}</body>', DRAWN), "mocap body"),
-        *((robot("TWO", WIRE % f'{what}="3"'), f"ignored the {what} of tendons 'wire'") for what in TENDON_FORCES),
         (robot("TWO", WIRE % 'stiffness="0 3 0"'), "ignored the nonlinear stiffness of tendons 'wire'"),
     ],
 )

@@ -28,6 +28,8 @@ STUCK = 1e-12  # [rad/s or m/s]
 SOFT = 1e-3  # [rad/s or m/s] of explicit methods: a loaded joint that should stick creeps at a fraction of it
 SNAP = 2.0**-14  # of a Newton pass that comes by rest: nearer to it than a line search resolves
 STEEP = 10.0 / SOFT  # [s/rad]
+STEEPEST = 1e8  # [N m s/rad] slope of what is not dry friction
+ROUNDING = 1e-15  # of a linear model, which is the difference of large numbers where a joint sticks at some speed
 DRY = "Coulomb friction"
 
 
@@ -37,10 +39,18 @@ def direction(extrapolation_ratio, f, step, i, v):
 
     extrapolation_ratio: of the step; f a record.
     """
+    if extrapolation_ratio is None:
+        return _side(f, v)
+    return direction_from(extrapolation_ratio, f, step.y[step.offsets.qd + i], v)
+
+
+@inline
+def direction_from(extrapolation_ratio, f, start, v):
+    """Do the same for what moved at the speed `start` at the start of the step."""
     x, slope = _side(f, v)
     if extrapolation_ratio is None:
         return x, slope
-    end, slope_end = _side(f, v + extrapolation_ratio * (v - step.y[step.offsets.qd + i]))
+    end, slope_end = _side(f, v + extrapolation_ratio * (v - start))
     steep = f.steepness > STEEP
     both = 0.5 * (slope + (1.0 + extrapolation_ratio) * slope_end)
     return select(steep, 0.5 * (x + end), x), select(steep, both, slope)
@@ -95,9 +105,16 @@ def snap_to_rest(friction, step, i, v, here, there):
 @inline
 def snapped(extrapolation_ratio, step, i, v, here, there):
     """Return v or the speed of rest: zero in what the step solves for, or of the midpoint rule at its end."""
+    if extrapolation_ratio is None:
+        return snapped_from(extrapolation_ratio, 0.0, v, here, there)
+    return snapped_from(extrapolation_ratio, (1.0 - step.theta) * step.y[step.offsets.qd + i], v, here, there)
+
+
+@inline
+def snapped_from(extrapolation_ratio, stop, v, here, there):
+    """Do the same where `stop` is the speed with which the midpoint rule ends at rest."""
     near, zero = SNAP * abs(there - here), 0.0 * v
     if extrapolation_ratio is not None:
-        stop = (1.0 - step.theta) * step.y[step.offsets.qd + i]
         v = select((abs(v - stop) < near) & ((here - stop) * (there - stop) < 0.0), stop + zero, v)
     return select((abs(v) < near) & (here * there < 0.0), zero, v)
 

@@ -1,15 +1,19 @@
 """Tendons and springs between bodies: a force along a length that joints and points of bodies make.
 
 The length is a sum of joint positions times coefficients, or of the distances of points that follow each other on a
-path.  Along it act a spring with a dead band, a damper, stops of stop.py at the limits, and a drive with the law of
-pd_servo.py,
+path.  Along it act a spring with a dead band, a damper, stops of stop.py at the limits, a drive with the law of
+pd_servo.py, and dry friction as in friction.py,
 
-    f = -K (l - upper) above the band, -K (l - lower) below, nothing within; -C dl/dt; stops; drive,
+    f = -K (l - upper) above the band, -K (l - lower) below, nothing within; -C dl/dt; stops; drive; friction,
 
 positive where it lengthens.  With J = dl/dq the torques on the joints are J' f.  An implicit step takes the force at
 its end, where the length is l + h J v, with J of the state for which the bias is taken; the slope h (K h + C) joins the
 mass matrix as w^2 of a row beside the fold (core/tree/rank_one.py), so that no tendon limits the step.  Euler's method
 takes springs at the start of the step as long as their own period allows it, like those of joints (joint_spring.py).
+
+An inertia m along the length, such as that of a rotor that it turns, has the kinetic energy m (dl/dt)^2 / 2.  It joins
+the mass matrix in the same row, m J' J beside the slope, and takes the force -m d2l/dt2 of the accelerations that the
+step begins with: m Jdot qd, and m J a of those that the midpoint rule predicts.
 """
 
 from typing import NamedTuple
@@ -17,13 +21,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import inline, kernel
-from ..compile.lanes import select, sqrt
-from ..compile.optional import plus_item
+from ..compile.lanes import select, sign_beyond, sqrt
+from ..compile.optional import any_present, if_present, plus_item
 from ..compile.structure import record, structure
 from ..tree.aba import root_inertia
 from ..tree.coupling import push_torque
 from ..tree.forest import base_index, base_of, rows_of, tendons_of
-from ..tree.layout import P, R, U, V
+from ..tree.layout import A, P, R, U, V
 from ..tree.rank_one import FREE, answer, bind, clear, push_force, release
 from ..tree.rigid_body import point_position
 from ..tree.spatial import (
@@ -44,6 +48,7 @@ from ..tree.spatial import (
 from ..tree.wrap import own_frame, way_around
 from .ball_spring import rotation_vector
 from .contact import FLOOR, shifted
+from .friction import ROUNDING, STEEP, STEEPEST, direction_from, snapped_from, stops_at_once
 from .pd_servo import PD, pd_branch, pd_torque
 from .stop import stop_branch, stop_torque
 
@@ -77,8 +82,8 @@ WORLD = -1
 JOINT, BEGIN, POINT, TURN, BEND = range(5)
 
 # Numbers of the channel `tendon_work`: work on the robot [J].
-SPRING, DAMPER, STOPS, PULL = range(4)
-WORKS = 4
+SPRING, DAMPER, STOPS, PULL, RUB = range(5)
+WORKS = 5
 
 # Columns of a tendon's row in the workspace.
 LB = FREE  # length from which it moves on with the speed [m or rad]
@@ -91,6 +96,8 @@ TL = FREE + 6  # its value at UN
 RT = FREE + 7  # inertial force at UK
 AXIS = FREE + 8  # 3: about which the ball joint of a tendon is turned, of which it has one at most
 BASE = AXIS  # 3: of a path, where the base of its tree is [m]
+RISE = FREE + 11  # d2l/dt2 of the accelerations that the step begins with [m/s^2 or rad/s^2]
+US = FREE + 12  # speed at the start of the step
 
 
 @structure
@@ -103,6 +110,8 @@ class Tendons(NamedTuple):
     drives: np.ndarray | None = None  # (tendons,) DRIVE; None where no tendon has a drive
     wraps: np.ndarray | None = None  # (shapes,) WRAP; None where no tendon runs around any
     tied: np.ndarray | None = None  # (tendons,) 1 of those with an end in the world of a floating base; None without
+    friction: np.ndarray | None = None  # (tendons,) FRICTION; None where no tendon has dry friction
+    armature: np.ndarray | None = None  # (tendons,) inertia along the length [kg or kg m^2]; None without
 
 
 # ---------------------------------------------------------------------------------------------- the length
@@ -281,6 +290,92 @@ def _place(ball_q, bases, tendons, step, q, v, ahead):
                 length = length + p.coefficient * (distance - ahead * rate)
                 speed = speed + p.coefficient * rate
         W[t.row, LB], W[t.row, U0], W[t.row, UK] = length, speed, speed
+        _place_rise(any_present(tendons.friction, tendons.armature), step.predicted, tendons, t, step)
+
+
+@inline
+def _place_rise(needed, predicted, tendons, t, step):
+    """Store how a length accelerates by the accelerations of W, and its speed at the start; a limit of a ball not."""
+    if needed is not None:
+        W, rise = step.W, 0.0 * step.W[t.row, U0]
+        for k in range(t.first, t.end):
+            p = tendons.parts[k]
+            if p.kind == JOINT:
+                rise = rise + p.coefficient * _expected(predicted, step, p.dof)
+            elif p.kind == POINT:
+                rise = rise + p.coefficient * _widening(tendons.tied, tendons.wraps, tendons.parts, t.row, k, step)
+        W[t.row, RISE] = rise
+        W[t.row, US] = _before(predicted, W[t.row, U0], rise, step.h_implicit)
+
+
+@inline
+def _expected(predicted, step, dof):
+    """Return the acceleration of a joint with which the step begins."""
+    if predicted is None:
+        return 0.0
+    return step.y[step.offsets.qdd + dof]
+
+
+@inline
+def _before(predicted, u, rise, h):
+    if predicted is None:
+        return u
+    return u - h * rise
+
+
+@inline
+def _widening(tied, wraps, parts, row, k, step):
+    """Return d2/dt2 of the distance of a point from the one before; around a shape without the turning of its ends."""
+    if wraps is None:
+        return _straight_widening(tied, parts, row, k, step)
+    return _bent_widening(tied, wraps, parts, row, k, step)
+
+
+@inline
+def _straight_widening(tied, parts, row, k, step):
+    W, a, b = step.W, parts[k - 1], parts[k]
+    x, y, length, e = _apart(tied, row, a, b, W)
+    v = sub(_moved(tied, b.body, y, V, W), _moved(tied, a.body, x, V, W))
+    d = sub(_pushed(tied, step.scene.gravity, b.body, y, W), _pushed(tied, step.scene.gravity, a.body, x, W))
+    along, apart = dot(e, v), length > 0.0
+    across = dot(v, v) - along * along
+    return dot(e, d) + select(apart, across / select(apart, length, 1.0 + 0.0 * length), 0.0 * length)
+
+
+@kernel
+def _bent_widening(tied, wraps, parts, row, k, step):
+    if parts[k - 1].kind != BEND:
+        return _straight_widening(tied, parts, row, k, step)
+    W, g = step.W, step.scene.gravity
+    x, u, v, y, e, f, _, turns = _way(tied, wraps, parts, row, k, W)
+    rate = dot(f, _pushed(tied, g, parts[k].body, y, W)) - dot(e, _pushed(tied, g, parts[k - 2].body, x, W))
+    body = parts[k - 1].body
+    around = dot(e, _pushed(tied, g, body, u, W)) - dot(f, _pushed(tied, g, body, v, W))
+    return rate + turns * around
+
+
+@inline
+def _pushed(tied, gravity, body, x, W):
+    """Return the acceleration less gravity of a point x of a body."""
+    if tied is None:
+        return _pushed_body(body, x, W)
+    return _pushed_or_still(gravity, body, x, W)
+
+
+@inline
+def _pushed_or_still(gravity, body, x, W):
+    zero = 0.0 * x[0]
+    a = (zero - gravity[0], zero - gravity[1], zero - gravity[2])
+    if body != WORLD:
+        a = _pushed_body(body, x, W)
+    return a
+
+
+@inline
+def _pushed_body(body, x, W):
+    w = load3(W, body, V)
+    v = add(load3(W, body, V + 3), cross(w, x))
+    return add(load3(W, body, A + 3), add(cross(load3(W, body, A), x), cross(w, v)))
 
 
 @kernel
@@ -350,7 +445,17 @@ def tendon_force(tendons, c, step, u):
     t, length = tendons.table[c], step.W[tendons.table[c].row, LB]
     spring, slope = _spring(t, length, step.h_implicit, u)
     stop, c_stop = stop_torque(tendons.stops, c, length, u, step.h_implicit)
-    return _plus_drive(tendons.drives, step, c, length, u, spring - t.damping * u + stop, slope + t.damping + c_stop)
+    slope = slope + t.damping + c_stop
+    f, slope = _plus_drive(tendons.drives, step, c, length, u, spring - t.damping * u + stop, slope)
+    return _plus_friction(tendons.friction, step, c, t.row, u, f, slope)
+
+
+@inline
+def _plus_friction(friction, step, c, row, u, f, slope):
+    if friction is None:
+        return f, slope
+    x, c_rub = direction_from(step.extrapolation_ratio, friction[c], step.W[row, US], u)
+    return f - friction[c].coulomb_friction * x, slope + friction[c].coulomb_friction * c_rub
 
 
 @inline
@@ -413,13 +518,34 @@ def _bind(tendons, inertia, step):
         t = tendons.table[c]
         _respond(tendons, t, inertia, step)
         force, slope = W[t.row, T0] - W[t.row, CT] * W[t.row, U0], step.h_implicit * W[t.row, CT]
+        force, slope = _with_inertia(tendons.armature, c, W, t.row, force, slope)
         bind(step.scene.tree, step.part, (t.row, t.column), c - first, slope, force, W)
+
+
+@inline
+def _with_inertia(armature, c, W, row, force, slope):
+    if armature is None:
+        return force, slope
+    return force - armature[c] * W[row, RISE], slope + armature[c]
 
 
 @inline
 def release_tendons(tendons, step):
     """Make the solution that of the second pass, when all forces are in."""
     if tendons is not None:
+        _release(tendons, step)
+
+
+@inline
+def release_inertia(tendons, step):
+    """Do the same where forces have no slopes, in an evaluation of the differential equation."""
+    if tendons is not None:
+        _release_if(tendons.armature, tendons, step)
+
+
+@inline
+def _release_if(armature, tendons, step):
+    if armature is not None:
         _release(tendons, step)
 
 
@@ -482,9 +608,18 @@ def _compare(tendons, step, wrong, slope):
     for c in range(first, end):
         row = tendons.table[c].row
         f, _ = tendon_force(tendons, c, step, W[row, UN])
-        wrong = wrong | (abs(f - W[row, TL]) > step.tolerance * (abs(f) + abs(W[row, TL])) + FLOOR)
+        least = _resolved(tendons.friction, W[row, CT], W[row, UN])
+        wrong = wrong | (abs(f - W[row, TL]) > step.tolerance * (abs(f) + abs(W[row, TL])) + least)
         slope = slope + (W[row, UN] - W[row, UK]) * (W[row, TL] - f)
     return wrong, slope
+
+
+@inline
+def _resolved(friction, slope, u):
+    """Return the difference of forces that is rounding."""
+    if friction is None:
+        return FLOOR
+    return FLOOR + select(slope > STEEPEST, ROUNDING * (slope * abs(u)), 0.0 * u)
 
 
 @inline
@@ -512,9 +647,19 @@ def shift_tendons(tendons, step, fraction, active):
     if tendons is not None:
         W, (first, end) = step.W, tendons_of(step.part, tendons.table)
         for c in range(first, end):
-            row = tendons.table[c].row
-            W[row, UK] = shifted(W[row, UK], W[row, UN], fraction, active)
+            row, here = tendons.table[c].row, W[tendons.table[c].row, UK]
+            W[row, UK] = shifted(here, W[row, UN], fraction, active)
+            _snap(tendons.friction, step, c, row, here, active & (fraction < 1.0))
             W[row, RT] = shifted(W[row, RT], W[row, TL], fraction, active)
+
+
+@inline
+def _snap(friction, step, c, row, here, where):
+    """Move the iterate to the speed of rest if it is close to it, as in friction.py."""
+    if friction is not None:
+        W, f = step.W, friction[c]
+        rest = snapped_from(step.extrapolation_ratio, (1.0 - step.theta) * W[row, US], W[row, UK], here, W[row, UN])
+        W[row, UK] = select(where & (f.coulomb_friction > 0.0) & (f.steepness > STEEP), rest, W[row, UK])
 
 
 @inline
@@ -550,7 +695,9 @@ def _store(tendons, step, column, time, work):
         work[at + SPRING] += spring * way
         work[at + DAMPER] -= t.damping * u * way
         work[at + STOPS] += stop * way
+        rub, _ = _plus_friction(tendons.friction, step, c, t.row, u, 0.0 * u, 0.0 * u)
         work[at + PULL] += pull * way
+        work[at + RUB] += rub * way
 
 
 @inline
@@ -561,7 +708,16 @@ def tendon_branch(tendons, c, step, u):
     side = select(at >= t.upper, 1.0 + zero, select(at <= t.lower, -1.0 + zero, zero))
     side = side * (1.0 if t.upper > t.lower else 0.0)
     side = side + 3.0 * stop_branch(tendons.stops, c, length, u, step.h_implicit)
+    side = side + 27.0 * _rub_branch(tendons.friction, c, u)
     return _plus_drive_branch(tendons.drives, step, c, length, u, side)
+
+
+@inline
+def _rub_branch(friction, c, u):
+    if friction is None:
+        return 0.0
+    f = friction[c]
+    return select(f.coulomb_friction > 0.0, sign_beyond(f.steepness * u, 1.0), 0.0 * u)
 
 
 @inline
@@ -572,6 +728,12 @@ def _plus_drive_branch(drives, step, c, length, u, side):
     if d.input < 0:
         return side
     return side + 9.0 * pd_branch(d, step.drive[d.input, 0] - length, u, step.h_implicit)
+
+
+@if_present(False)
+def tendons_stop(tendons):
+    """Return whether the dry friction of a tendon is steep."""
+    return stops_at_once(tendons.friction)
 
 
 CAUSES = ("damper of a tendon", "spring of a tendon")  # that limit explicit steps

@@ -37,6 +37,7 @@ from ..effects.actuator import controller_of, motor_of
 from ..effects.decay import DECAYS, set_decay
 from ..effects.energies import ENERGIES, METER
 from ..effects.friction import stops_at_once
+from ..effects.tendon import tendons_stop
 from ..step.advance import advance_trees, solve_trees
 from ..step.branch import branches, branches_at_start
 from ..step.closure import factor_at, project
@@ -186,7 +187,7 @@ def _longest(second_run, pace):
 @inline
 def _sticks(run):
     """Return whether friction may stop a joint at once: a jump of slope that can hide from all columns."""
-    return stops_at_once(run.scene.friction)
+    return stops_at_once(run.scene.friction) or tendons_stop(run.scene.tendons)
 
 
 @inline

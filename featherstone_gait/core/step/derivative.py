@@ -20,7 +20,7 @@ from ..effects.pair import pair_rates
 from ..effects.propeller import add_work, plus_propeller
 from ..effects.stop import stop_rates
 from ..effects.surface import clear_drives
-from ..effects.tendon import linearize_tendons, place_tendons, tendon_rates
+from ..effects.tendon import linearize_tendons, place_tendons, release_inertia, tendon_rates
 from ..tree.aba import acceleration_pass
 from ..tree.ball import ball_positions, ball_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
@@ -117,6 +117,7 @@ def _accelerate(step, dy):
     n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     v, a = y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
+    release_inertia(scene.tendons, step)
     acceleration_pass(scene.tree, part, step.W, a)
     fluid_powers(scene.fluid, step, dy)
     _propeller_powers(scene.propellers, step, v, dy)

@@ -51,7 +51,7 @@ from ..effects.fluid import (
     shift_fluid,
     solved_fluid,
 )
-from ..effects.friction import direction, friction_torque, snap_to_rest
+from ..effects.friction import ROUNDING, STEEPEST, direction, friction_torque, snap_to_rest
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.joint_spring import plus_spring
 from ..effects.propeller import add_propellers, plus_propeller
@@ -76,8 +76,6 @@ from .closure import close_loops, place_loops
 
 MAX_PASSES = 40
 BISECTIONS = 16
-STEEPEST = 1e8  # [N m s/rad] slope of what is not dry friction
-ROUNDING = 1e-15  # of the linear model, which is the difference of large numbers where a joint sticks at some speed
 
 # Rows of the scratch `Z`, one column a joint.
 VP = 0  # velocity for which the bias is taken

@@ -75,7 +75,7 @@ CHANNELS = (
     Channel("fluid_work", "integrated", "fluid", WORKS, "J", "work of the medium on the robot",
             ("buoyancy", "drag", "added_mass", "propulsion")),
     Channel("tendon_work", "integrated", "tendon", TENDON_WORKS, "J", "work of tendons, then springs, on the robot",
-            ("spring", "damper", "stops", "drive")),
+            ("spring", "damper", "stops", "drive", "friction")),
     Channel("surface_work", "integrated", "surface", 1, "J", "work of the drives of surfaces, such as belts"),
     Channel("source_loss", "integrated", "source", 1, "J", "what the resistance of the supply took"),
     Channel("voltage", "held", "servo", 1, "V", "motor voltages"),

@@ -253,7 +253,6 @@ def _tendon_drive(row: _Row) -> tuple[Controller | None, tuple[str, ...]]:
     law = Controller("pd_clamped", Kp=abs(Kp), Kd=abs(Kd), torque_limit=g * row.force)
     found = {
         "took activations of actuators as being at once, though they are filtered": row.kind[0] != NO_DYNAMICS,
-        "ignored the armature and damping of actuators on tendons": bool(row.armature or row.damping),
         "ignored the forcerange of actuators on tendons, for forces of tau": not Kp and row.force < math.inf,
         "took the larger end of forcerange of actuators either way": row.uneven[1],
         OWN_FORCE: not Kp,

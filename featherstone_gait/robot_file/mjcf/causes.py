@@ -14,6 +14,7 @@ from .tree import (
     BALL,
     FREE,
     NO_DAMPERS,
+    NO_FRICTION,
     NO_LIMITS,
     NO_SPRINGS,
     Tree,
@@ -25,7 +26,7 @@ from .tree import (
 
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
-NO_CONSTRAINTS, NO_FRICTION = 1 << 0, 1 << 2
+NO_CONSTRAINTS = 1 << 0
 NO_GRAVITY = 1 << 7
 
 

@@ -17,11 +17,10 @@ from .actuators import TENDON as TENDON_TRANSMISSION
 from .actuators import turned
 from .equalities import NO_CONSTRAINTS, Tie, ties, title
 from .loops import SITE_WRAP, End, at_site, placed
-from .tree import NO_DAMPERS, NO_LIMITS, NO_SPRINGS, NO_STOP, Tree, actuator_count, unused, vector
+from .tree import NO_DAMPERS, NO_FRICTION, NO_LIMITS, NO_SPRINGS, NO_STOP, Tree, actuator_count, unused, vector
 
 JOINT_WRAP, PULLEY_WRAP, SPHERE_WRAP, CYLINDER_WRAP = 1, 2, 4, 5  # mjtWrap
 AROUND = {SPHERE_WRAP: "sphere", CYLINDER_WRAP: "cylinder"}
-LEFT = ("frictionloss", "armature")  # what tendons have that has no like here
 
 
 def taken(m: Any, tree: Tree) -> dict[int, bool]:
@@ -30,17 +29,34 @@ def taken(m: Any, tree: Tree) -> dict[int, bool]:
 
 
 def acts(m: Any, t: int) -> bool:
-    """Return whether a tendon has a spring, a damper or a limit that no <flag> switches off."""
-    K, C, limited = _numbers(m, t)
-    return bool(K or C or limited)
+    """Return whether a tendon has anything along it that no <flag> switches off."""
+    return any((*_numbers(m, t), *_dry_and_heavy(m, t)))
 
 
 def _numbers(m: Any, t: int) -> tuple[float, float, bool]:
     """Return stiffness, damping and whether limits act."""
     off = m.opt.disableflags
     K = 0.0 if off & NO_SPRINGS else float(m.tendon_stiffness[t])
-    C = 0.0 if off & NO_DAMPERS else float(m.tendon_damping[t])
+    C = 0.0 if off & NO_DAMPERS else float(m.tendon_damping[t]) + _beside(m, t, "damping")
     return K, C, bool(m.tendon_limited[t]) and not off & (NO_LIMITS | NO_CONSTRAINTS)
+
+
+def _dry_and_heavy(m: Any, t: int) -> tuple[float, float]:
+    """Return friction and inertia."""
+    friction = 0.0 if m.opt.disableflags & (NO_FRICTION | NO_CONSTRAINTS) else float(m.tendon_frictionloss[t])
+    return friction, float(m.tendon_armature[t]) + (0.0 if _bends(m, t) else _beside(m, t, "armature"))
+
+
+def _beside(m: Any, t: int, what: str) -> float:
+    """Return what actuators of a tendon add to its armature or damping."""
+    numbers = getattr(m, f"actuator_{what}", None)
+    own = (k for k in range(actuator_count(m)) if m.actuator_trntype[k] == TENDON_TRANSMISSION)
+    on = [k for k in own if m.actuator_trnid[k, 0] == t and turned(m, k)[0] < 0]
+    return 0.0 if numbers is None else sum(float(m.actuator_gear[k, 0] ** 2 * numbers[k]) for k in on)
+
+
+def _bends(m: Any, t: int) -> bool:
+    return any(m.wrap_type[w] in AROUND for w in _wraps(m, t))
 
 
 def read_tendons(m: Any, tree: Tree, drives: Mapping[int, Controller], top: int = 0) -> tuple[Tendon, ...]:
@@ -143,7 +159,8 @@ def _tendon(m: Any, tree: Tree, t: int, name: str, top: int) -> Tendon:
             share = 0.0
     lower, upper = (float(x) for x in m.tendon_range[t]) if limited else (-math.inf, math.inf)
     rest = tuple(float(x) for x in m.tendon_lengthspring[t]) if K else (0.0, 0.0)
-    return Tendon(name, tuple(joints), tuple(path), K, C, rest, lower, upper)  # type: ignore[arg-type]
+    friction, armature = _dry_and_heavy(m, t)
+    return Tendon(name, tuple(joints), tuple(path), K, C, rest, lower, upper, None, friction, armature)  # type: ignore[arg-type]
 
 
 def _share(m: Any, t: int, w: int) -> float:
@@ -161,15 +178,14 @@ def tendon_doubts(m: Any, tree: Tree) -> Iterator[str]:
         if why is not None and acts(m, t):
             left.setdefault(why, []).append(names[t])
     for why, which in left.items():
-        yield f"ignored springs, dampers and limits of tendons {quoted(which)}, {why}: not supported"
-    for what in LEFT:
-        which = [names[t] for t in own if getattr(m, f"tendon_{what}")[t]]
-        if which:
-            yield f"ignored the {what} of tendons {quoted(which)}: not supported"
+        yield f"ignored springs, dampers, friction, inertia and limits of tendons {quoted(which)}, {why}: not supported"
     for what, field in (("stiffness", "tendon_stiffnesspoly"), ("damping", "tendon_dampingpoly")):
         which = [names[t] for t in own if np.any(getattr(m, field, np.zeros(m.ntendon))[t])]
         if which:
             yield f"ignored the nonlinear {what} of tendons {quoted(which)}: not supported"
+    which = [names[t] for t in own if _bends(m, t) and _beside(m, t, "armature")]
+    if which:
+        yield f"ignored the armature of actuators on tendons {quoted(which)}, which run around shapes: not supported"
     which = [names[t] for t in own if getattr(m, "tendon_springyield", np.zeros(m.ntendon))[t]]
     if which:
         yield f"ignored the plastic yield of the springs of tendons {quoted(which)}: not supported"
@@ -180,7 +196,7 @@ def tendon_notes(m: Any, tree: Tree) -> Iterator[str]:
     own = [t for t in range(m.ntendon) if _own(m, tree, t)]
     idle, names = [t for t in own if not acts(m, t) and t not in driven(m)], tendon_names(m)
     if idle:
-        yield f"skipped {len(idle)} tendons without spring, damper, limit and actuator"
+        yield f"skipped {len(idle)} tendons on which nothing acts"
     soft = [title(m, k) for k in _own_ties(m, tree)]
     if soft:
         which = ", ".join(soft)
@@ -236,6 +252,8 @@ def tendon_lines(model: Model) -> list[str]:
             "springlength": _rest(tendon, offset) if tendon.stiffness else None,
             "damping": tendon.damping or None,
             "range": (lower, upper) if tendon.limited else None,
+            "frictionloss": tendon.friction or None,
+            "armature": tendon.armature or None,
         }
         inside += _path_lines(tendon)
         if inside:

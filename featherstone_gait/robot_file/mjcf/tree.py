@@ -26,7 +26,7 @@ FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)  # mjtGeom
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 NO_STOP = 1e10  # a range this wide is none
-NO_LIMITS, NO_SPRINGS, NO_DAMPERS = 1 << 3, 1 << 5, 1 << 6  # mjtDisableBit, of <flag>
+NO_FRICTION, NO_LIMITS, NO_SPRINGS, NO_DAMPERS = 1 << 2, 1 << 3, 1 << 5, 1 << 6  # mjtDisableBit, of <flag>
 
 
 class Tree(NamedTuple):
