@@ -35,7 +35,8 @@ from featherstone_gait.run.simulate import initial_state
 QUIET = {"estimate_error": False}
 ALL = ("base_q", "q", "base_qd", "qd", "tendon_force", "tendon_work")
 STILL = (0.0, 0.0, 0.0)
-FILE = """<mujoco><compiler autolimits="true"/><option tolerance="0" iterations="200" ls_iterations="200" ls_tolerance="0"/>
+FILE = """<mujoco><compiler autolimits="true"/>
+<option tolerance="0" iterations="200" ls_iterations="200" ls_tolerance="0"/>
 <worldbody><site name="w" pos=".3 .3 1"/><body pos="0 0 1"><joint name="a" axis="0 1 0"/>
 <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass=".3"/><site name="s0" pos=".05 .03 0"/>
 <body pos=".2 0 0"><joint name="b" axis="0 1 1"/><geom type="box" size=".03 .05 .02" pos=".1 0 .02" mass=".2"/>
