@@ -385,6 +385,7 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     missing = [f"{name}: the torque law {law!r}" for name, law in laws.items() if law in TORQUE_LAWS]
     missing += ["springs between bodies"] * bool(scene.springs)
     missing += [f"{one.name}: the drive of a tendon" for one in scene.driven_tendons]
+    missing += [f"{one.name}: a tendon of joints and a path" for one in model.tendons if one.joints and one.path]
     missing += ["surfaces that move"] * (scene.constants.surfaces is not None)
     missing += ["rollers of wheels"] * any(point.roller_angle is not None for point in model.contacts)
     missing += ["rolling resistance of contact points"] * any(point.rolling_friction for point in model.contacts)

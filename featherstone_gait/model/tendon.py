@@ -110,18 +110,19 @@ class Wrap:
 class Tendon:
     """A tendon, whose length depends on several joints, with what acts along it: a spring, friction, limits, a drive.
 
-    The length is the sum of joint positions times coefficients (a fixed tendon), or of the distances of points that
-    follow each other (a spatial one).  A force f along it, positive where it lengthens, turns each joint with the
-    torque coefficient * f, or pulls the points apart.
+    The length is the sum of joint positions times coefficients (a fixed tendon), of the distances of points that
+    follow each other (a spatial one), or of both: a joint with the coefficient r is a drum of the radius r that winds
+    up what the path leaves, and a servo on that joint pulls it.  A force f along it, positive where it lengthens, turns each
+    joint with the torque coefficient * f, and pulls the points apart.
 
     Attributes
     ----------
     name : str
         Name, unique among the tendons of a robot.
     joints : tuple of (str, float)
-        Joints and their coefficients [-, or m/rad where the length is one], of a fixed tendon.
+        Joints and their coefficients [-, or m/rad where the length is one].
     path : tuple of Via or Wrap
-        Points in their order, of a spatial tendon, and between two of them shapes around which it runs.
+        Points in their order, and between two of them shapes around which it runs.
     stiffness : float
         Stiffness K of the spring: f = K (rest - length) [N/m, or N m/rad where the length is an angle].
     damping : float
@@ -194,9 +195,8 @@ class Tendon:
 
     def _flaws(self, what: str) -> Iterator[str]:
         yield from name_flaws("tendon", self.name)
-        if bool(self.joints) == bool(self.path):
-            which = "both joints and a path" if self.path else "neither joints nor a path"
-            yield f"{what}: has {which}; give one of them, joints=[('elbow', 0.02)] or path=[Via(...)]"
+        if not (self.joints or self.path):
+            yield f"{what}: has neither joints nor a path; give one of them, joints=[('elbow', 0.02)] or path=[Via(...)]"
         yield from self._joint_flaws(what)
         if self.path and not all(isinstance(one, Via | Wrap) for one in self.path):
             yield f"{what}: path is {shown(self.path)}; expected points: give a list of Via"

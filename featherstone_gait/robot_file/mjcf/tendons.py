@@ -237,8 +237,13 @@ def _wrap_lines(name: str, wrap: Wrap) -> list[str]:
     return [*element("geom", geom), *side]
 
 
+def wound(model: Model, tendon: Tendon) -> bool:
+    """Return whether the length of a tendon has joints and a path, which MJCF does not state."""
+    return bool(tendon.path) and any(name not in model.held for name, _ in tendon.joints)
+
+
 def tendon_lines(model: Model) -> list[str]:
-    """Write the tendons."""
+    """Write the tendons, but those that are wound up."""
     found: list[str] = []
     rods = [loop.name for loop in model.loops if loop.kind == "distance"]
     for tendon in model.tendons:
@@ -256,8 +261,8 @@ def tendon_lines(model: Model) -> list[str]:
             "armature": tendon.armature or None,
         }
         inside += _path_lines(tendon)
-        if inside:
-            found += element("fixed" if tendon.joints else "spatial", attributes, inside)
+        if inside and not wound(model, tendon):
+            found += element("spatial" if tendon.path else "fixed", attributes, inside)
     return found
 
 

@@ -26,7 +26,7 @@ from ...model.shapes import Shape
 from ..markup import comment, element
 from ..urdf import TRIANGLE_TOLERANCE
 from .loops import length_at_zero, loop_lines, rod_lines, site_lines
-from .tendons import tendon_lines, tendon_site_lines
+from .tendons import tendon_lines, tendon_site_lines, wound
 from .tree import NO_STOP, WORLD, unused
 from .write_actuators import actuator_lines, passive
 from .write_geoms import field_lines, floor_lines, geom_lines, mesh_lines, pair_lines, unread_meshes
@@ -77,7 +77,8 @@ def _left_out(model: Model) -> list[str]:
     shapes = ["immersed shapes"] * bool(model.immersed) + ["propellers"] * bool(model.propellers)
     tracks = any(point.surface is not None and point.circle_radius > 0 for point in model.contacts)
     moved = ["surfaces that move on circles of contact"] * tracks
-    return shapes + ["rollers of wheels"] * rollers + moved + ["sensors"] * bool(model.sensors)
+    drums = [f"the tendon {one.name!r} of joints and a path" for one in model.tendons if wound(model, one)]
+    return shapes + ["rollers of wheels"] * rollers + moved + drums + ["sensors"] * bool(model.sensors)
 
 
 def _remarks(model: Model, ground: Ground | None) -> list[str]:

@@ -80,8 +80,8 @@ def _actuator(name: str, servo: Servo) -> list[str]:
 
 
 def moves(model: Model, tendon: Tendon) -> bool:
-    """Return whether the length of a tendon depends on a joint that is not held."""
-    return bool(tendon.path) or any(name not in model.held for name, _ in tendon.joints)
+    """Return whether a tendon that MJCF states has a length that changes."""
+    return bool(tendon.path) != any(name not in model.held for name, _ in tendon.joints)
 
 
 def _drive(name: str, tendon: str, law: Controller) -> list[str]:
