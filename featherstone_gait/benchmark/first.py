@@ -1,15 +1,17 @@
 """Time a fresh process until its first result, import and compiling included, by kinds of scenes [CPU s].
 
 `cold` starts from an empty cache.  `further` starts from a cache with the kinds of all lines above (empty for the first
-line).  `cached` starts from a cache with this kind.  The difference of `cold` and `further` is the code that the kinds
-share.
+line).  `cached` starts from a cache with this kind, `stored` from an empty cache and a store of compiled kernels, as a
+wheel has them.  The difference of `cold` and `further` is the code that the kinds share.
 
-    featherstone-gait benchmark first        five minutes
+    featherstone-gait benchmark first        ten minutes
 """
 
 from __future__ import annotations
 
+import math
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -17,6 +19,9 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from ..base.progress import progress_bar
+from ..core.compile.jit import CACHE_FOLDER
+from ..core.compile.store import levels
+from ..core.compile.store_writer import record
 from .table import machine, tabulate
 
 TIMED = """
@@ -29,7 +34,7 @@ COMMAND = """
 import contextlib, io, time
 from featherstone_gait.cli import main
 with contextlib.redirect_stdout(io.StringIO()):
-    main(["simulate", "arm7", "--out", {folder!r}])
+    assert main({}.split()) == 0
 print(time.process_time())
 """
 HUMANOID = 'scene = compile_scene(load_robot("humanoid"), gearbox="mipsd", ground=Ground(){})\n'
@@ -108,7 +113,10 @@ KINDS = {  # first results
     "humanoid whose links touch": LINKS + "simulate(scene, 0.1)",
     "constraints and sweeps": SIMTWO + "maximal.simulate(scene, 0.1)",
 }
-PROGRAMS = {kind: TIMED.format(code) for kind, code in KINDS.items()}
+COMMANDS = "simulate arm7", "simulate humanoid"
+PROGRAMS = {kind: TIMED.format(code) for kind, code in KINDS.items()} | {
+    f"featherstone-gait {command}": COMMAND.format(repr(command)) for command in COMMANDS
+}
 REPEATS, REPEATS_FULL = 3, 9  # of what is cached; the least counts
 
 
@@ -119,6 +127,7 @@ class Row(NamedTuple):
     cold: Annotated[float, "cold", "8.1f"]
     further: Annotated[float, "further", "8.1f"]
     cached: Annotated[float, "cached", "8.2f"]
+    stored: Annotated[float, "stored", "8.2f"]
 
 
 def run(out_dir: Path, full: bool = False) -> list[Row]:
@@ -126,22 +135,30 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     host = machine()
     print(host)
     with tempfile.TemporaryDirectory() as folder:
-        programs = PROGRAMS | {"featherstone-gait simulate arm7": COMMAND.format(folder=f"{folder}/out")}
-        bar = progress_bar(programs.items(), desc="first results", unit="kind", leave=False)
+        bar = progress_bar(PROGRAMS.items(), desc="first results", unit="kind", leave=False)
         return tabulate(out_dir / "first.csv", Row, (_row(kind, code, folder, full) for kind, code in bar), host)
 
 
 def _row(kind: str, program: str, folder: str, full: bool) -> Row:
+    repeats = REPEATS_FULL if full else REPEATS
     cold = _seconds(program, f"{folder}/{kind}")
-    cached = min(_seconds(program, f"{folder}/{kind}") for _ in range(REPEATS_FULL if full else REPEATS))
-    return Row(kind, cold, _seconds(program, f"{folder}/all"), cached)
+    cached = min(_seconds(program, f"{folder}/{kind}") for _ in range(repeats))
+    further, stored = _seconds(program, f"{folder}/all"), math.nan
+    if levels():
+        made = Path(folder, kind, "stores", Path(CACHE_FOLDER).name, "kernels")
+        made.mkdir(parents=True)
+        record(program, made, levels()[:1])
+        caches = [f"{folder}/{kind}/again{k}" for k in range(repeats)]
+        stored = min(_seconds(program, shutil.copytree(made.parents[1], cache)) for cache in caches)
+    return Row(kind, cold, further, cached, stored)
 
 
 def _seconds(program: str, cache: str) -> float:
     """Run a process with its cache in that folder; return its CPU time [s]."""
     environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-c", program]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True)
+    with tempfile.TemporaryDirectory() as room:  # for the files of commands
+        run = subprocess.run(command, env=environment, cwd=room, capture_output=True, text=True)
     if run.returncode:
         raise RuntimeError(f"a process of the benchmark failed:\n{run.stderr}")
     return float(run.stdout.split()[-1])

@@ -106,12 +106,14 @@ def _meant(word: str, known: Sequence[str]) -> str:
 
 
 def add_command(
-    commands: Commands, run: Callable[[argparse.Namespace], int], text: str | None, *, unasked: bool = True
+    commands: Commands, run: Callable[[argparse.Namespace], int], text: str | None, *, unasked: bool = True,
+    where: str = "",
 ) -> Parser:
     """Register a command, named like its module, and its option --out.
 
     text: the docstring of the module, which says what the command does and writes, and how long it takes; indented
     lines at its end are examples; None as python -OO leaves it.  unasked: whether files are written without --out.
+    where: what --out is, None by default, if it is another folder.
     """
     description, _, examples = (text or "").strip().partition("\n\n  ")
     does = description.partition("\n")[0].partition(";")[0].partition(":")[0].rstrip(".")
@@ -119,8 +121,10 @@ def add_command(
         run.__module__.rpartition(".")[2].replace("_", "-"), help=does[:1].lower() + does[1:], description=description,
         epilog=f"examples:\n  {examples}", formatter_class=Help,
     )  # fmt: skip
-    where = "output folder (default: the current one)" if unasked else "output folder; without it nothing is written"
-    parser.add_argument("--out", type=Path, default=Path() if unasked else None, metavar="DIR", help=where)
+    usual = "output folder (default: the current one)" if unasked else "output folder; without it nothing is written"
+    parser.add_argument(
+        "--out", type=Path, default=Path() if unasked and not where else None, metavar="DIR", help=where or usual
+    )
     parser.set_defaults(run=run, command=parser)
     return parser
 

@@ -12,9 +12,8 @@ from featherstone_gait.benchmark import first
 
 def test_it_counts_a_process_of_its_own_and_writes_its_table(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(first, "PROGRAMS", {"nothing": "import time\nprint(time.process_time())"})
-    monkeypatch.setattr(first, "COMMAND", "import time\nprint(time.process_time())")
     rows = first.run(tmp_path / "new")
-    assert [row.kind for row in rows] == ["nothing", "featherstone-gait simulate arm7"]
+    assert [row.kind for row in rows] == ["nothing"]
     assert all(0.0 < seconds < 5.0 for row in rows for seconds in row[1:])
     with open(tmp_path / "new" / "first.csv", newline="") as file:
         table = list(csv.DictReader(line for line in file if not line.startswith("#")))

@@ -23,6 +23,7 @@ SMALLER = {
     "crosscheck": "--strides 1 --floors 2ms_0.9",
     "simulate": "--duration 0.2",
     "reproduce": "servo_step",
+    "warm-up": "--only",
 }
 SERVED = "tcp://"  # a scheduler of dask
 STUDY = 'robot = "arm7"\nexperiment = "hold"\nduration = 0.1\n[vary]\nscene.gearbox = ["rotor"]\n'
@@ -50,6 +51,7 @@ def folder(tmp_path_factory):
     for name in ("sin_sin", "lift_and_drop"):
         for gain in (100, 200):
             shutil.copy(robots / "servos" / "recordings" / f"xl330_kp{gain}_{name}.csv", folder)
+    (folder / "my_program.py").write_text("print('compiles nothing')")
     (folder / "notebooks").mkdir()
     for name in ("FILE.toml", "notebooks/stability_study.toml", "notebooks/unit_study.toml"):
         (folder / name).write_text(STUDY)

@@ -98,12 +98,15 @@ class Part(_Library):
 class Whole(_Library):
     """The code of a function that Python calls."""
 
+    before_passes = None  # what `linked` is made by of the module, for store_writer.py
+
     def finalize(self):
         """Link all parts, then optimize and make the machine code."""
         self._linking_libraries = _link(self._linking_libraries, self._final_module, set())
         super().finalize()
 
     def _optimize_final_module(self):
+        self.linked = self.before_passes and self.before_passes(self._final_module)
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
 

@@ -43,6 +43,7 @@ from numba.extending import register_jitable
 from .lock import lock
 from .progress import compiling, current
 from .sealed import SealedFiles
+from .store import RECORD, Stored, Stores
 
 JIT = not numba.config.DISABLE_JIT
 CompilationError = numba.core.errors.NumbaError
@@ -141,6 +142,8 @@ def _tell_once(folder: str, why: str | None) -> None:
 
 
 CACHE_FOLDER = _cache_folder() if JIT else ""
+STORES = Stores([Path(__file__).parents[2] / "kernels", *([Path(CACHE_FOLDER) / "kernels"] if CACHE_FOLDER else [])])
+recorder = None  # store_writer.py, where `RECORD` of the environment asks for it
 
 _OPTIONS = {"error_model": "numpy", **({"pipeline_class": _PRIVATE.Compiler} if _PRIVATE else {})}
 INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **_OPTIONS}  # never called from Python
@@ -190,6 +193,7 @@ def entry(function):
     kept = _with_cache(function) if CACHE_FOLDER else None
     dispatcher = kept or numba.njit(function, **ENTRY)
     dispatcher.compile = functools.partial(_compile, dispatcher, dispatcher.compile, kept is not None)
+    dispatcher.get_call_template = functools.partial(_called_by_compiled, dispatcher, dispatcher.get_call_template)
     return dispatcher
 
 
@@ -213,6 +217,8 @@ def address_of(dispatcher, *arguments):
     kinds = tuple(map(dispatcher.typeof_pyval, arguments))
     dispatcher.compile(kinds)
     made = dispatcher.overloads[kinds]
+    if isinstance(made, Stored):
+        return made.address
     return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
 
 
@@ -255,16 +261,53 @@ def _with_cache(function):
 
 
 def _compile(dispatcher, compile_, kept, arguments):
-    """Compile for these types, or read what another process is compiling for them now."""
+    """Load code for these types from a store, compile it, or read what another process is compiling for them now."""
+    kinds = tuple(arguments)
+    if kinds in dispatcher.overloads:
+        return dispatcher.overloads[kinds].entry_point
+    identity = _identity(dispatcher, kinds)
+    if identity and not (current or _for_code) and (recorder is None or recorder.has(identity)):
+        if STORES.take(dispatcher, kinds, identity):
+            return dispatcher.overloads[kinds].entry_point
     with ExitStack() as stack:
         # Within another's compiling a lock could close a circle.
-        if kept and not current and tuple(arguments) not in dispatcher.overloads:
+        if kept and not current:
             kind = hashlib.sha256(repr((dispatcher.py_func.__module__, dispatcher.__name__, arguments)).encode())
             stack.enter_context(_alone(os.path.join(CACHE_FOLDER, "compiling", kind.hexdigest()[:32])))
         stack.enter_context(compiling(dispatcher.__name__, kept))
         if _PRIVATE:
             stack.enter_context(_PRIVATE.operators_kept(dispatcher))
-        return compile_(arguments)
+        made = compile_(arguments)
+    if recorder is not None and identity:
+        recorder.add(dispatcher, kinds, identity)
+    return made
+
+
+def _identity(dispatcher, kinds) -> str:
+    """Return what code for these types is stored under: entry, types and sources; "" for types from elsewhere."""
+    rooms = _rooms(kinds) | {_room(dispatcher.py_func.__module__), CORE}
+    if _PRIVATE is None or None in rooms:
+        return ""
+    sources = [f"{room} {_known_hash(room)}" for room in sorted(rooms)]
+    return "\n".join([dispatcher.py_func.__module__, dispatcher.py_func.__qualname__, *map(str, kinds), *sources])
+
+
+_known_hash = functools.cache(source_hash)
+
+
+def _called_by_compiled(dispatcher, template, args, kws):
+    """Return how compiled code calls an entry, which is compiled for that: code of a store is for Python alone."""
+    for kinds, made in [*dispatcher.overloads.items()]:
+        if isinstance(made, Stored):
+            del dispatcher.overloads[kinds]
+    _for_code.append(dispatcher)
+    try:
+        return template(args, kws)
+    finally:
+        _for_code.pop()
+
+
+_for_code: list = []  # entries that compiled code is about to call
 
 
 @contextmanager
@@ -356,3 +399,9 @@ def instruction_set() -> str:
     if features.get("avx512f"):
         return "AVX-512"
     return "AVX2" if features.get("avx2") else "neither AVX2 nor AVX-512"
+
+
+if JIT and _PRIVATE and RECORD in os.environ:
+    from .store_writer import Recorder
+
+    STORES, recorder = Recorder.of(os.environ[RECORD])

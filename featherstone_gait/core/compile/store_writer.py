@@ -1,0 +1,158 @@
+"""Write a store (store.py): what the entries that a program calls are compiled to, for one or more levels.
+
+`record` runs a program that does so, with all processes that it starts.  The front end of the compiler, which takes
+most of the time, runs once; LLVM's passes and code generator run once for each level.  What is kept is not run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numba
+from numba.core.codegen import JITCPUCodegen
+
+from . import compiler, jit
+from .store import CALL, ENVIRONMENT, RECORD, RUN, Level, Stores, digest, key, purpose
+
+ADDRESS = "numba.dynamic.globals"  # begins the names of variables that hold an address of this process
+KEPT = ADDRESS, ".const.pickledata"  # names that are looked for in the end
+FAILED = "an index leaves a tuple in a kernel that was compiled beforehand"  # kernels raise nothing else
+NO_PICKLES = f"""
+@PyExc_IndexError = external global ptr
+@said = internal constant [{len(FAILED) + 1} x i8] c"{FAILED}\\00"
+declare void @PyErr_SetString(ptr, ptr)
+define ptr @numba_unpickle(ptr %0, i32 %1, ptr %2) {{
+  %kind = load ptr, ptr @PyExc_IndexError
+  call void @PyErr_SetString(ptr %kind, ptr @said)
+  ret ptr null
+}}"""  # in the place of Numba's function, which unpickles exceptions
+PICKLED = re.compile(r'^(@\.const\.pickledata.* = internal .*constant \[\d+ x i8\] )c".*"', re.MULTILINE)
+HAS_ADDRESS = re.compile(rf"{ADDRESS}|inttoptr \(i64 -?\d{{6,}} to")
+_log = logging.getLogger(__name__)
+
+
+def record(program: str, folder: Path, levels, where=None) -> None:
+    """Run a program of Python and keep its kernels in the store `folder`; raise RuntimeError if it fails.
+
+    where: the folder in which it runs; None: one of its own.
+    """
+    with tempfile.TemporaryDirectory() as room:
+        path = Path(room) / "program.py"
+        path.write_text(program, "utf-8")
+        environment = os.environ | {
+            RECORD: f"{','.join(levels)}={folder.absolute()}",
+            "NUMBA_CACHE_DIR": room,  # where nothing is found that would not be compiled
+            "PYTHONPATH": os.pathsep.join(sys.path),
+        }
+        run = subprocess.run([sys.executable, path], env=environment, cwd=where or room, capture_output=True, text=True)
+    if run.returncode:
+        raise RuntimeError(run.stderr.strip().rpartition("\n")[2])
+
+
+class Refused(Exception):
+    """Code that cannot be plain data."""
+
+
+class Recorder:
+    """Keep what entries are compiled for in a store, for some of `store.LEVELS`."""
+
+    def __init__(self, folder: Path, levels):
+        self.writers = [_Writer(folder / level, level) for level in levels]
+        compiler.Whole.before_passes = staticmethod(llvm.ModuleRef.as_bitcode)
+
+    @classmethod
+    def of(cls, asked: str):
+        """Return what a process reads and records by `store.RECORD`."""
+        names, _, folder = asked.partition("=")
+        return Stores([Path(folder)]), cls(Path(folder), names.split(","))
+
+    def has(self, identity) -> bool:
+        """Return whether a kernel is in the store, for all levels."""
+        return all(key(identity) in Level(each.folder).kernels for each in self.writers)
+
+    def add(self, dispatcher, kinds, identity):
+        """Keep what an entry was compiled to for arguments of these types."""
+        try:
+            for each in self.writers:
+                each.add(dispatcher, dispatcher.overloads[kinds], identity)
+        except Refused as refused:
+            _log.warning("%s: its code is not kept", refused)
+
+
+class _Writer:
+    """What makes the code of one level and keeps it."""
+
+    def __init__(self, folder, level):
+        self.folder = folder
+        usual = numba.config.CPU_NAME, numba.config.CPU_FEATURES
+        numba.config.CPU_NAME, numba.config.CPU_FEATURES = level, ""
+        try:
+            self.codegen = JITCPUCodegen(f"featherstone_gait.{level}")
+        finally:
+            numba.config.CPU_NAME, numba.config.CPU_FEATURES = usual
+
+    def add(self, dispatcher, made, identity):
+        """Keep a kernel that has been compiled; `made`: Numba's result."""
+        name, what = key(identity), f"{dispatcher.py_func.__module__}.{dispatcher.__name__}"
+        if made.environment.consts or made.library.has_dynamic_globals or made.reload_init:
+            raise Refused(f"{what} holds objects of Python")
+        module = llvm.parse_bitcode(made.library.linked)
+        ours = {
+            made.fndesc.llvm_cpython_wrapper_name: CALL + name,
+            made.fndesc.llvm_func_name: RUN + name,
+            made.target_context.get_env_name(made.fndesc): ENVIRONMENT + name,
+        }
+        module.link_in(llvm.parse_assembly(NO_PICKLES))
+        passes, builder = self.codegen._module_pass_manager()
+        passes.run(module, builder)
+        needs = set()
+        for k, value in enumerate([*module.functions, *module.global_variables]):
+            if value.name in ours:
+                value.name = ours[value.name]
+            elif value.is_declaration:
+                needs.add(value.name)
+            elif value.name.startswith(KEPT):
+                value.linkage = "internal"
+            else:  # of no use to others, least of all by a name of several hundred letters
+                value.name, value.linkage = f"own_{k}", "internal"
+        unused = llvm.create_new_module_pass_manager()
+        unused.add_global_dead_code_eliminate_pass()
+        unused.run(module, builder)
+        text = str(module)
+        if HAS_ADDRESS.search(text):
+            raise Refused(f"{what} holds an address of this process")
+        module = llvm.parse_assembly(PICKLED.sub(r"\1zeroinitializer", text))
+        needs = {each for each in needs if not each.startswith("llvm.")}
+        code = self.codegen._tm.emit_object(module)
+        self._write(name, code, {"entry": what, "sha256": hashlib.sha256(code).hexdigest()}, needs)
+
+    def _write(self, name, code, entry, needs):
+        with jit.one_process_at_a_time(self.folder):
+            _replace(self.folder / f"{name}.o", code)
+            before = Level(self.folder)
+            content = {
+                "for": purpose(),
+                "needs": sorted(needs.union(before.needs)),
+                "kernels": before.kernels | {name: entry},
+            }
+            text = json.dumps({"sha256": digest(content), "content": content}, indent=1, sort_keys=True)
+            _replace(self.folder / "manifest.json", text.encode())
+
+
+def _replace(path, data):
+    """Write a file completely or not at all."""
+    partial = path.with_suffix(".partial")
+    with open(partial, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(partial, path)

@@ -1,0 +1,161 @@
+"""Kernels compiled beforehand give the same bits; if a store is not sound, or for something else, they are compiled."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from test_cache import PROGRAM, run
+
+from featherstone_gait import cli
+from featherstone_gait.core.compile import jit
+from featherstone_gait.core.compile.store import LEVELS, digest, levels
+
+pytestmark = pytest.mark.skipif(not levels(), reason="this processor is of no level that has code")
+ROOT = Path(__file__).parents[2]
+NO_PICKLES = """
+import pickle, featherstone_gait.core.tree.batch
+def refuse(*_, **__):
+    raise AssertionError("something is unpickled")
+pickle.loads = pickle.load = pickle.Unpickler = refuse
+"""
+CALLED = """
+import numba
+from featherstone_gait.core.compile import jit
+from featherstone_gait.core.tree.batch import exponential
+
+alone = exponential(1.0)
+stored = [type(made) is jit.Stored for made in exponential.overloads.values()]
+within = numba.njit(lambda x: exponential(x))(1.0)
+print(int(alone == exponential(1.0) == within), sum(stored), exponential.stats.cache_misses.total(), jit.CACHE_FOLDER)
+"""
+ONE = """
+from featherstone_gait.core.compile import jit
+from featherstone_gait.core.tree.batch import exponential
+
+result, stats = exponential(1.0), exponential.stats
+print(result.hex(), stats.cache_hits.total(), stats.cache_misses.total(), jit.CACHE_FOLDER)
+"""
+E = "0x1.5bf0a8b14576ap+1"  # exp(1) of the package
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    """A store of two programs, and the result of the first when it compiles."""
+    folder = tmp_path_factory.mktemp("filled")
+    for name, text in (("pendulum.py", PROGRAM), ("one.py", ONE)):
+        (folder / name).write_text(text, "utf-8")
+    given = ["warm-up", *(str(folder / name) for name in ("pendulum.py", "one.py")), "--only", "--quiet"]
+    assert cli.main([*given, "--all-levels", "--out", str(folder / "kernels")]) == 0
+    return folder / "kernels", run(ROOT, NUMBA_CACHE_DIR=str(folder / "cache"))[0]
+
+
+@pytest.fixture
+def store(filled, tmp_path):
+    """A copy of the store in a cache that is else empty, and the variable that names this."""
+    folder = tmp_path / "cache" / Path(jit.CACHE_FOLDER).name / "kernels"
+    shutil.copytree(filled[0], folder)
+    return folder, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+
+def compiled(cache):
+    """The files of compiled code in a cache of Numba."""
+    return [*Path(cache["NUMBA_CACHE_DIR"]).rglob("*.nbc")]
+
+
+@pytest.mark.parametrize("level", levels())
+def test_a_first_result_has_the_same_bits_and_neither_compiles_nor_unpickles(store, filled, level):
+    folder, cache = store
+    for other in {*LEVELS} - {level}:
+        shutil.rmtree(folder / other)
+    assert run(ROOT, program=NO_PICKLES + PROGRAM, **cache)[:3] == (filled[1], 0, 0)
+    assert compiled(cache) == []
+
+
+def change(folder, of, how):
+    """Change files of a store of that kind."""
+    for path in folder.rglob(of):
+        path.write_bytes(how(path.read_bytes()))
+
+
+@pytest.mark.parametrize("of", ["manifest.json", "*.o"])
+def test_damaged_files_are_told_and_their_kernels_compiled(store, of):
+    folder, cache = store
+    change(folder, of, lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:])
+    with pytest.warns(UserWarning, match="damaged") as said:
+        assert run(ROOT, program=ONE, **cache)[:3] == (E, 0, 1)
+    assert len(said) == 1
+
+
+def test_a_manifest_that_was_edited_is_damaged(store):
+    folder, cache = store
+    change(folder, "manifest.json", lambda data: data.replace(b"batch.exponential", b"batch.exponent_al"))
+    with pytest.warns(UserWarning, match="its digest is another"):
+        assert run(ROOT, program=ONE, **cache)[:3] == (E, 0, 1)
+
+
+@pytest.mark.parametrize("name", ["numba", "python"])
+def test_a_store_for_something_else_is_not_looked_at(store, name):
+    folder, cache = store
+
+    def for_another(data):
+        content = json.loads(data)["content"]
+        content["for"][name] = "another"
+        return json.dumps({"sha256": digest(content), "content": content}).encode()
+
+    change(folder, "manifest.json", for_another)
+    assert run(ROOT, program=ONE, **cache)[:3] == (E, 0, 1)  # without a warning
+    assert len(compiled(cache)) == 1
+
+
+def test_settings_of_numba_that_change_code_leave_it_aside(store):
+    assert run(ROOT, program=ONE, NUMBA_LOOP_VECTORIZE="0", **store[1])[:3] == (E, 0, 1)
+
+
+def test_an_entry_that_compiled_code_calls_is_compiled_for_it(store):
+    """Code of a store has an address and no more; what was called before goes on as it was."""
+    assert run(ROOT, program=CALLED, **store[1])[:3] == ("1", 1, 1)
+
+
+def test_the_command_goes_on_from_what_is_there_and_says_what_fails(store, tmp_path, capsys):
+    folder = store[0]
+    (tmp_path / "page.md").write_text(f"# A page\n\n```python\n{ONE}\n```\n", "utf-8")
+    (tmp_path / "wrong.py").write_text("raise ValueError('of this program')", "utf-8")
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.o")}
+    programs = [str(tmp_path / name) for name in ("wrong.py", "page.md")]
+    assert cli.main(["warm-up", *programs, "--only", "--all-levels", "--out", str(folder)]) == 1
+    out, err = capsys.readouterr()
+    assert out.count("2 kernels") == len(LEVELS)
+    assert "wrong.py: ValueError: of this program" in err
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.o")} == before
+
+
+def test_an_interrupted_command_ends_with_130_and_keeps_what_is_done(store, monkeypatch, capsys):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("featherstone_gait.core.compile.store_writer.record", interrupt)
+    assert cli.main(["warm-up", "--quiet", "--all-levels", "--out", str(store[0])]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert run(ROOT, program=ONE, **store[1])[:3] == (E, 0, 0)
+
+
+def test_a_store_beside_the_package_is_read_and_nothing_is_written_there(filled, tmp_path):
+    shutil.copytree(ROOT / "featherstone_gait", tmp_path / "featherstone_gait", ignore=shutil.ignore_patterns("*.pyc"))
+    kernels = tmp_path / "featherstone_gait" / "kernels"
+    shutil.copytree(filled[0], kernels)
+    before = sorted((tmp_path / "featherstone_gait").rglob("*"))
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    assert run(tmp_path, program=ONE, **environment)[:3] == (E, 0, 0)
+    assert sorted((tmp_path / "featherstone_gait").rglob("*")) == before
+
+
+def test_code_that_is_kept_holds_no_pickle_and_no_name_of_others(filled):
+    """Of the symbols that it defines, those that others see are named by the key."""
+    nm = shutil.which("nm") or pytest.skip("no nm")
+    for path in filled[0].rglob("*.o"):
+        assert b"builtins" not in path.read_bytes()
+        listed = subprocess.run([nm, "-g", "--defined-only", path], capture_output=True, text=True, check=True).stdout
+        names = sorted(line.split()[-1] for line in listed.splitlines())
+        assert names == [f"{what}_{path.stem}" for what in ("call", "environment", "run")]
