@@ -105,7 +105,7 @@ KINDS = {  # first results
     "the same, midpoint": MIDPOINT + "simulate(scene, 0.1)",
     "the same, rtol 1e-9": BY_DEFAULT + "simulate(scene, 0.01, rtol=1e-9)",
     "a session of eight": BY_DEFAULT + SESSION,
-    "a controller of one's own": MIDPOINT + CONTROLLER,
+    "a controller of the package": MIDPOINT + CONTROLLER,
     "a walk with feedback": FEEDBACK,
     "matrices of a tick": MIDPOINT + "from featherstone_gait import linearize\nlinearize(scene)",
     "two boxes": TOUCHING.format("none"),

@@ -39,6 +39,23 @@ print(result.hex(), stats.cache_hits.total(), stats.cache_misses.total(), jit.CA
 """
 E = "0x1.5bf0a8b14576ap+1"  # exp(1) of the package
 
+FEEDBACK = """
+import hashlib
+from pathlib import Path
+import numba
+import numpy as np
+from featherstone_gait import Ground, compile_scene, load_robot, simulate
+from featherstone_gait.core.compile import jit
+from featherstone_gait.walking import read_walk
+
+scene = compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
+walk = read_walk(Path(scene.model.source).parent / "balanced_gait.npz")
+given = {"reference": walk.reference(1), "controller": walk.controller(scene)}
+run = simulate(scene, 0.5, **given, estimate_error=False)
+square = numba.njit(lambda x: np.full(3, x) ** 2)(2.0)  # arrays of Numba live beside those of the store
+print(hashlib.sha256(run.final.tobytes()).hexdigest()[:16], int(square.sum()), 0, jit.CACHE_FOLDER)
+"""
+
 
 @pytest.fixture(scope="module")
 def filled(tmp_path_factory):
@@ -159,3 +176,14 @@ def test_code_that_is_kept_holds_no_pickle_and_no_name_of_others(filled):
         listed = subprocess.run([nm, "-g", "--defined-only", path], capture_output=True, text=True, check=True).stdout
         names = sorted(line.split()[-1] for line in listed.splitlines())
         assert names == [f"{what}_{path.stem}" for what in ("call", "environment", "run")]
+
+
+@pytest.mark.long
+def test_a_controller_of_the_package_is_kept_and_gives_the_bits_of_test_hashes(tmp_path):
+    (tmp_path / "feedback.py").write_text(FEEDBACK, "utf-8")
+    store = tmp_path / "cache" / Path(jit.CACHE_FOLDER).name / "kernels"
+    assert cli.main(["warm-up", str(tmp_path / "feedback.py"), "--only", "--quiet", "--out", str(store)]) == 0
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert run(ROOT, program=FEEDBACK, **cache)[:2] == ("c40d188dc5530e5e", 12)
+    assert compiled(cache) == []
+    assert "walking/balance.py: balance" in (store / levels()[0] / "manifest.json").read_text("utf-8")

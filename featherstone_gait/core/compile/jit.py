@@ -231,6 +231,9 @@ def outside(function, wrapped):
     """
     if not JIT:
         return wrapped(function), wrapped(function)
+    identity = _identity_outside(function)
+    if identity and (recorder is None or recorder.has(identity)) and (address := STORES.address(identity)):
+        return function, address
     options = {"boundscheck": True, "error_model": "python"}
     try:
         inner = numba.njit(function, cache=True, **options)
@@ -239,6 +242,8 @@ def outside(function, wrapped):
     numbers, places = numba.types.CPointer(numba.types.float64), numba.types.CPointer(numba.types.int64)
     kind = numba.types.void(numba.types.float64, numbers, places, numbers, numbers, numbers, numbers)
     made = numba.cfunc(kind)(wrapped(inner))
+    if recorder is not None and identity:
+        recorder.add_outside(made, identity)
     return (made, inner), made.address
 
 
@@ -293,6 +298,19 @@ def _identity(dispatcher, kinds) -> str:
 
 
 _known_hash = functools.cache(source_hash)
+
+
+def _identity_outside(function) -> str:
+    """Return what code of a function of this package is stored under: its name and all sources; "" for any other."""
+    root, code = Path(__file__).parents[2], getattr(function, "__code__", None)
+    if _PRIVATE is None or code is None or "<locals>" in function.__qualname__:
+        return ""
+    file = Path(code.co_filename)
+    if not file.is_relative_to(root):
+        return ""
+    sources = (path.read_bytes() for path in sorted(root.rglob("*.py")))
+    hashes = [hashlib.sha256(source).hexdigest() for source in sources]
+    return "\n".join([f"{file.relative_to(root).as_posix()}: {function.__qualname__}", *hashes])
 
 
 def _called_by_compiled(dispatcher, template, args, kws):

@@ -28,6 +28,8 @@ import llvmlite.binding as llvm
 import numba
 from numba import _dynfunc
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
+from numba.core.runtime import rtsys
 
 LEVELS = {  # names by which LLVM knows them, the widest first, and what tells that a processor is one
     "x86-64-v4": "avx512f avx512bw avx512cd avx512dq avx512vl",
@@ -120,10 +122,23 @@ class Stores:
         made = [Level(path) for paths in there for path in paths]
         return [each for each in made if all(map(llvm.address_of_symbol, each.needs))]
 
-    def take(self, dispatcher, kinds, identity: str):
+    def _read(self, name: str) -> bytes | None:
+        return next(filter(None, (level.read(name) for level in self.levels)), None)
+
+    def address(self, identity: str) -> int:
+        """Return the address of a stored function that compiled code calls, 0 if there is none."""
+        name = key(identity)
+        code = self._read(name)
+        if code is None:
+            return 0
+        with global_compiler_lock:
+            rtsys.initialize(cpu_target.target_context)  # of the arrays that it makes
+            return _loaded(code).get_function_address(RUN + name)
+
+    def take(self, dispatcher, kinds, identity: str) -> bool:
         """Let an entry call stored code for arguments of these types; return whether there is some."""
         name = key(identity)
-        code = next(filter(None, (level.read(name) for level in self.levels)), None)
+        code = self._read(name)
         if code is None:
             return False
         with global_compiler_lock:
@@ -135,16 +150,22 @@ class Stores:
 
 
 def _load(function, name, code) -> Stored:
-    """Put object code into memory, and make a function of Python of it."""
-    engine = _engine()
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    engine.finalize_object()
+    """Put the object code of an entry into memory, and make a function of Python of it."""
+    engine = _loaded(code)
     module = sys.modules[function.__module__]
     environment = _dynfunc.Environment(module.__dict__)  # from which Numba's wrappers would take Python's objects
     c_void_p.from_address(engine.get_global_value_address(ENVIRONMENT + name)).value = id(environment)
     call = engine.get_function_address(CALL + name)
     made = _dynfunc.make_function(module, function.__name__, function.__doc__, call, environment, (engine,))
     return Stored(made, engine.get_function_address(RUN + name))
+
+
+def _loaded(code):
+    """Put object code into memory; return the engine that has it."""
+    engine = _engine()
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
 
 
 @cache

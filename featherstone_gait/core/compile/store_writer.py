@@ -24,6 +24,7 @@ from . import compiler, jit
 from .store import CALL, ENVIRONMENT, RECORD, RUN, Level, Stores, digest, key, purpose
 
 ADDRESS = "numba.dynamic.globals"  # begins the names of variables that hold an address of this process
+COUNTED = "NRT_"  # begins the names of functions that count references, which `Stores.address` provides
 KEPT = ADDRESS, ".const.pickledata"  # names that are looked for in the end
 FAILED = "an index leaves a tuple in a kernel that was compiled beforehand"  # kernels raise nothing else
 NO_PICKLES = f"""
@@ -81,9 +82,26 @@ class Recorder:
 
     def add(self, dispatcher, kinds, identity):
         """Keep what an entry was compiled to for arguments of these types."""
+        made, name = dispatcher.overloads[kinds], key(identity)
+        names = {
+            made.fndesc.llvm_cpython_wrapper_name: CALL + name,
+            made.fndesc.llvm_func_name: RUN + name,
+            made.target_context.get_env_name(made.fndesc): ENVIRONMENT + name,
+        }
+        if made.environment.consts:
+            _log.warning("%s holds objects of Python: its code is not kept", dispatcher)
+        else:
+            self._add(name, f"{dispatcher.py_func.__module__}.{dispatcher.__name__}", made.library.linked, names)
+
+    def add_outside(self, made, identity):
+        """Keep what a function that compiled code calls was compiled to, by `numba.cfunc`."""
+        name, code = key(identity), made._library._final_module.as_bitcode()
+        self._add(name, identity.partition("\n")[0], code, {made.native_name: RUN + name})
+
+    def _add(self, name, what, bitcode, names):
         try:
             for each in self.writers:
-                each.add(dispatcher, dispatcher.overloads[kinds], identity)
+                each.add(name, what, bitcode, names)
         except Refused as refused:
             _log.warning("%s: its code is not kept", refused)
 
@@ -100,24 +118,16 @@ class _Writer:
         finally:
             numba.config.CPU_NAME, numba.config.CPU_FEATURES = usual
 
-    def add(self, dispatcher, made, identity):
-        """Keep a kernel that has been compiled; `made`: Numba's result."""
-        name, what = key(identity), f"{dispatcher.py_func.__module__}.{dispatcher.__name__}"
-        if made.environment.consts or made.library.has_dynamic_globals or made.reload_init:
-            raise Refused(f"{what} holds objects of Python")
-        module = llvm.parse_bitcode(made.library.linked)
-        ours = {
-            made.fndesc.llvm_cpython_wrapper_name: CALL + name,
-            made.fndesc.llvm_func_name: RUN + name,
-            made.target_context.get_env_name(made.fndesc): ENVIRONMENT + name,
-        }
+    def add(self, name, what, bitcode, names):
+        """Keep a kernel by its name in the store; names: what of it can be seen from outside, and under which name."""
+        module = llvm.parse_bitcode(bitcode)
         module.link_in(llvm.parse_assembly(NO_PICKLES))
         passes, builder = self.codegen._module_pass_manager()
         passes.run(module, builder)
         needs = set()
         for k, value in enumerate([*module.functions, *module.global_variables]):
-            if value.name in ours:
-                value.name = ours[value.name]
+            if value.name in names:
+                value.name = names[value.name]
             elif value.is_declaration:
                 needs.add(value.name)
             elif value.name.startswith(KEPT):
@@ -131,7 +141,10 @@ class _Writer:
         if HAS_ADDRESS.search(text):
             raise Refused(f"{what} holds an address of this process")
         module = llvm.parse_assembly(PICKLED.sub(r"\1zeroinitializer", text))
-        needs = {each for each in needs if not each.startswith("llvm.")}
+        counts = any(each.startswith(COUNTED) for each in needs)
+        if counts and CALL + name in names.values():
+            raise Refused(f"{what} counts references")
+        needs = {each for each in needs if not each.startswith(("llvm.", COUNTED))}
         code = self.codegen._tm.emit_object(module)
         self._write(name, code, {"entry": what, "sha256": hashlib.sha256(code).hexdigest()}, needs)
 
