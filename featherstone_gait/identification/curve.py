@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
 
 from ..base.arguments import instance, real, whole
 from ..base.brief import brief
@@ -126,6 +125,8 @@ def torque_speed(servo: Servo, voltage: float | None = None, points: int = POINT
     span = speed[max(best - 1, 0)], speed[min(best + 1, points - 1)]
     peak = 0.0
     if span[1] > span[0]:
+        from scipy.optimize import minimize_scalar  # slow to import
+
         power = lambda v: -_torque(servo, V, v) * v / (V * _current(servo, V, v))  # noqa: E731
         peak = -float(minimize_scalar(power, bounds=span, method="bounded", options={"xatol": 1e-9 * span[1]}).fun)
     return TorqueSpeed(V, speed, torque, current, efficiency, max(peak, float(efficiency[best])))
@@ -168,6 +169,8 @@ def _root(f: Callable[[float], float], low: float, high: float) -> float:
     """Return the zero of a rising function; `low` if it is not negative there."""
     if f(low) >= 0.0:
         return low
+    from scipy.optimize import brentq  # slow to import
+
     return float(brentq(f, low, high, xtol=1e-300, rtol=TIGHT))
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from ..base.brief import brief
 from ..view.style import BLUE, ORANGE, look
@@ -59,6 +58,8 @@ class Errors:
 
         The last `own` parameters move one recording each, so one step of all of them together is enough.
         """
+        from scipy.linalg import block_diag  # slow to import
+
         shared = len(x) - own
         moves = [*(np.diag(steps)[:shared]), *([steps * (np.arange(len(x)) >= shared)] if own else [])]
         ahead = self.simulated([x + move for move in moves])

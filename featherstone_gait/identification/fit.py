@@ -31,7 +31,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ..base import deprecated
 from ..base.arguments import finite, is_real, listed, real, shown, truth
@@ -169,6 +168,8 @@ def identify(
     count, own = len(start), len(recordings) if start_range else 0
     x = np.array([*map(math.log, start.values()), *[recording.angle[0] for recording in recordings[:own]]])
     reach = np.array([math.log(RANGE)] * count + [start_range] * own)
+    from scipy.optimize import least_squares  # slow to import
+
     steps = np.array([LOG_STEP] * count + [START_STEP] * own)
     with progress_bar(progress=progress, desc="identify", unit="evaluation") as bar:
         smooth, errors = Errors(work.smooth().errors, bar.update), Errors(work.errors, bar.update)

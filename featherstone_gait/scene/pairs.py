@@ -21,8 +21,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..base.fixed_order import applied, product, total
 from ..base.rotation import rotation_from_quaternion
@@ -460,6 +458,9 @@ def _resting(table: np.recarray, tree: Tree, on_ground: np.ndarray) -> np.ndarra
     It is the mass of the group of trees that can touch each other, directly or through others.  on_ground: (pairs,)
     whether a pair is one with the ground, which bears each tree by its own mass.
     """
+    from scipy.sparse import coo_array  # slow to import
+    from scipy.sparse.csgraph import connected_components
+
     mass, both = np.array(moving_masses(tree)), table.folded == 0
     meeting = coo_array((np.ones(both.sum()), (table.tree_a[both], table.tree_b[both])), shape=(len(mass), len(mass)))
     group = connected_components(meeting, directed=False)[1]

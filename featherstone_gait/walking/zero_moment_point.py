@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull
 
 from ..base.arguments import finite, real
 from ..base.fixed_order import applied, total
@@ -74,6 +73,8 @@ def multibody_zmp(
 
 def support_polygon(points: np.ndarray) -> np.ndarray:
     """Return the convex hull (k, 2) of ground `points` (m, 2) [m], counter-clockwise."""
+    from scipy.spatial import ConvexHull  # slow to import
+
     return points[ConvexHull(points).vertices]
 
 
