@@ -2,9 +2,15 @@
 
 from .analysis.equilibrium import Trim as Trim
 from .analysis.equilibrium import trim as trim
+from .analysis.gradient import Gradient as Gradient
+from .analysis.gradient import RunObjective as RunObjective
+from .analysis.gradient import gradient as gradient
+from .analysis.gradient import gradient_batch as gradient_batch
 from .analysis.linearization import Discontinuity as Discontinuity
 from .analysis.linearization import Linearization as Linearization
 from .analysis.linearization import linearize as linearize
+from .analysis.run_cost import RunCost as RunCost
+from .analysis.run_cost import run_cost as run_cost
 from .dynamics import Coupling as Coupling
 from .dynamics import Energy as Energy
 from .dynamics import Poses as Poses

@@ -88,6 +88,15 @@ class Chart:
             x = np.where(turn == np.arange(3)[:, None], steps[run], 0.0)
             Y[run // lanes, at, run % lanes] = _turned(y[at], x).T
 
+    def pulled(self, y: np.ndarray, by_state: np.ndarray) -> np.ndarray:
+        """Return derivatives (deviations,) by deviations from y (size,), from those by its numbers (size,)."""
+        found = np.zeros(len(self.names))
+        numbers, columns, factors = self._moves
+        np.add.at(found, columns, factors * by_state[numbers])
+        for at, turns in zip(self.quaternions, self.turns):
+            found[turns] = total(0.5 * _after(y[at])[:, 1:] * by_state[at][:, None], axis=0)
+        return found
+
     def difference(self, Y: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return deviations (states, ...) of the states Y (size, ...) from y (size,)."""
         X = Y[self.reads] - beside(y[self.reads], Y)

@@ -56,6 +56,8 @@ def of_results(scene: fg.CompiledScene) -> Iterator[Any]:
     jump = fg.Discontinuity(names[0], names, np.zeros(n), np.zeros(n))
     yield jump
     yield fg.Linearization(*matrices, names, names[:m], names, (jump,) * 40, np.zeros(n), 0.01, np.zeros(400), None)
+    yield fg.Gradient(1.0, {"reference": np.zeros((n, m))}, fg.Trajectory({}, "ok", "", 1.0, q))
+    yield from (fg.run_cost(lambda q: q[-1, 0]), fg.RunObjective(scene, 1.0, fg.run_cost(lambda q: q[-1, 0]), dict))
     yield fg.Trim(q, q[7:], np.zeros((8, 3)), q[7:], None, np.zeros(400), 1e-9, 0.0, "ok", "it leans " * 50)
     yield from (fg.forward_kinematics(robot, q), fg.coupling_matrix(robot), fg.energy(robot, q, np.zeros(m)))
     yield fg.IndependentCoordinates(np.arange(m), np.zeros((n, m)), np.zeros(n))

@@ -27,6 +27,8 @@ NO_CALLS = {
         "OverlapWarning",
         "Discontinuity",
         "Linearization",
+        "Gradient",
+        "RunCost",
         "RobotFileError",
         "RobotFileNotFoundError",
         "RobotFileWarning",
@@ -267,6 +269,14 @@ def _scenes() -> Iterator[Call]:
     counts = {"states": ("q", "qd"), "steps": 3, "rtol": None, "threads": 1}
     yield Call("linearize", fg.linearize, {"scene": driven} | held | counts, True)
     yield Call("linearize", fg.linearize, {"scene": over, "state": falling, "tau": [0.0], "inputs": ("torque",)}, True)
+    given = {"cost": _last, "parameters": ("reference", "servos.resistance"), "record": ("q",), "record_interval": None}
+    one = {"scene": driven, "duration": 0.01}
+    yield Call("gradient", fg.gradient, one | {"state": start, "reference": still} | given, True)
+    several = {"states": [start] * 2, "references": [still] * 2, "taus": None, "threads": 1}
+    yield Call("gradient_batch", fg.gradient_batch, one | several | given, True)
+    changed = {"inputs": lambda x: {"reference": still}, "cost": _last, "record": ("q",), "threads": 1, "scale": 1.0}
+    yield Call("RunObjective", fg.RunObjective, one | changed, True)
+    yield Call("run_cost", fg.run_cost, {"function": _last})
     yield Call("trim", fg.trim, {"scene": driven, "q": [0.1, 0.1]}, True)
     yield Call("trim", fg.trim, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "contacts": ["box"]}, True)
     yield Call(
@@ -363,6 +373,13 @@ def _postures() -> Iterator[Call]:
 
 def _follow(t: float, state: Any, reference: Any, command: Any, memory: Any) -> None:
     command[0, 0] = reference[0, 0]
+
+
+def _last(channels: Any) -> Any:
+    """Return the last position of the first joint, and its derivatives."""
+    by_q = np.zeros(channels["q"].shape)
+    by_q[-1, 0] = 1.0
+    return float(channels["q"][-1, 0]), {"q": by_q}
 
 
 def _closed(figure: Any) -> None:

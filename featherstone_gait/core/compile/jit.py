@@ -247,6 +247,11 @@ def outside(function, wrapped):
     return (made, inner), made.address
 
 
+def checked(function):
+    """Compile a user's function, or one that calls it, with bounds checked and without the GIL; it is not cached."""
+    return numba.njit(function, boundscheck=True, nogil=True) if JIT else function
+
+
 def _with_cache(function):
     """Return the dispatcher with a cache that stops no run; None if Numba can make no file in the folder."""
     outside, numba.config.CACHE_DIR = numba.config.CACHE_DIR, CACHE_FOLDER

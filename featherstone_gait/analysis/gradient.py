@@ -1,0 +1,377 @@
+"""Differentiate the cost of whole runs by what they start from: states, references, torques and physical numbers.
+
+    result = gradient(scene, 2.0, cost, ["reference", "ground.friction"], reference=reference)
+    result.value, result["ground.friction"]
+
+The run is computed forwards and its adjoint backwards, at the cost of a few runs however many parameters there are
+(core/integrate/adjoint.py).  The derivatives are exact, to rounding, of the run as it was computed, in its steps, with
+all contacts, clips and choices as they were: see `Gradient.check` for what that means where contacts are made.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import floats, functions, instance, listed, shown, texts, whole
+from ..base.brief import brief
+from ..run.adjoint import Adjoint
+from ..run.classify import to_trajectory
+from ..run.compiled_run import CompiledRun
+from ..run.prepare import prepare
+from ..run.reference import Reference
+from ..run.start import check_scene
+from ..run.status import Status
+from ..run.trajectory import Trajectory
+from ..run.worlds import Worlds
+from ..scene.compile import CompiledScene
+from ..scene.external import Push
+from .run_cost import Cost, check_derivatives, record_of, seeds_of
+from .run_inputs import (
+    CENTRAL,
+    WIDTH,
+    Pulled,
+    check_names,
+    is_number,
+    moved,
+    number_of,
+    numbers_of,
+    scenes_with,
+    shape_of,
+    slope,
+    table_of,
+)
+
+
+class Given(NamedTuple):
+    """What one run is given, as `simulate` is."""
+
+    scene: CompiledScene
+    state: Any = None
+    reference: Reference | None = None
+    tau: Any = None
+
+
+class How(NamedTuple):
+    """What all runs have in common."""
+
+    duration: float
+    pushes: Sequence[Push]
+    record: Any
+    record_interval: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Gradient(Mapping[str, np.ndarray]):
+    """The cost of a run and its derivatives: a mapping from parameters to arrays, each in the parameter's shape.
+
+    Attributes
+    ----------
+    value : float
+        The cost; infinite of a run that ended before its time.
+    derivatives : dict of ndarray
+        Derivatives by each parameter; nan of a run that ended before its time.
+    trajectory : Trajectory
+        What the run recorded, its status and its final state, without estimated errors.
+    """
+
+    value: float
+    derivatives: dict[str, np.ndarray]
+    trajectory: Trajectory
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.derivatives[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.derivatives)
+
+    def __len__(self) -> int:
+        return len(self.derivatives)
+
+    def __repr__(self) -> str:
+        return brief(self)
+
+    @property
+    def status(self) -> Status:
+        """How the run ended, as `Trajectory.status`."""
+        return self.trajectory.status
+
+
+def gradient(
+    scene: CompiledScene,
+    duration: float,
+    cost: Cost,
+    parameters: Sequence[str],
+    state: ArrayLike | Trajectory | None = None,
+    reference: Reference | None = None,
+    tau: Reference | ArrayLike | None = None,
+    pushes: Sequence[Push] = (),
+    record: Sequence[str] | None = None,
+    record_interval: float | None = None,
+) -> Gradient:
+    """Simulate a scene, and differentiate a cost of what it records by any number of parameters.
+
+    Parameters
+    ----------
+    scene
+        The scene, with one of the integrators of fixed steps "implicit_euler", "midpoint" and "rk4".
+    duration, state, reference, tau, pushes, record, record_interval
+        As in `simulate`; record None: the channels that a compiled cost takes.
+    cost
+        A function of recorded channels made by `run_cost`, or any function that is called with a dictionary of the
+        channels, each (records, ...), and returns the cost and a dictionary of its derivatives by channels.
+    parameters
+        Names of what to differentiate by, and the shapes of the derivatives:
+
+        - "state" (size,); "state.CHANNEL", such as "state.qd", in the channel's shape.  Those of base_q and base_qd are
+          six numbers: of base_q a translation [m] and a rotation in body axes [rad].  Of coupled joints the leaders
+          count.
+        - "reference", "tau": values at the knots (knots, joints); of a cyclic signal without the last knot, which
+          repeats the first.  "tau" given as an array (joints,) has its shape.
+        - Physical numbers by the section and name that `Worlds` gives them, as "ground.friction",
+          "servos.resistance" (servos,), "servos.left_knee.resistance" (), "links.mass" (links,), "gravity" (3,).
+
+    Returns
+    -------
+    Gradient
+
+    Raises
+    ------
+    ValueError
+        If arguments do not fit, for scenes without gradients, and for parameters that are no function of numbers.
+
+    See Also
+    --------
+    gradient_batch : several runs or worlds, over threads.
+    RunObjective : a function of one vector, for optimizers.
+
+    Examples
+    --------
+    >>> @run_cost
+    ... def height(base_q):
+    ...     return base_q[-1, 2]
+    >>> gradient(scene, 1.0, height, ["reference", "links.mass"], reference=reference)["links.mass"]
+    """
+    return gradient_batch(
+        scene, duration, cost, parameters, [state], [reference], [tau], pushes, record, record_interval, threads=1
+    )[0]
+
+
+def gradient_batch(
+    scene: CompiledScene,
+    duration: float,
+    cost: Cost,
+    parameters: Sequence[str],
+    states: Sequence[ArrayLike | Trajectory | None] | None = None,
+    references: Sequence[Reference | None] | None = None,
+    taus: Sequence[Reference | ArrayLike | None] | None = None,
+    pushes: Sequence[Push] = (),
+    record: Sequence[str] | None = None,
+    record_interval: float | None = None,
+    *,
+    worlds: Worlds | None = None,
+    threads: int | None = None,
+) -> list[Gradient]:
+    """Differentiate the cost of several runs, each as `gradient` does, to the same bits.
+
+    Parameters
+    ----------
+    scene, duration, cost, parameters, pushes, record, record_interval
+        As in `gradient`.
+    states, references, taus
+        Lists of equal length with an entry for each run, or None.
+    worlds
+        Physical numbers in which the runs differ.
+    threads
+        Number of threads; None: one for each core.
+
+    Returns
+    -------
+    list of Gradient
+
+    Raises
+    ------
+    ValueError
+        As `gradient`, and for lists that differ in length.
+    """
+    check_scene(scene)
+    functions(cost=cost)
+    names = texts("parameters", parameters)
+    check_names(scene, names)
+    scenes = [scene] if worlds is None else worlds.scenes(scene)
+    each = {"states": states, "references": references, "taus": taus}
+    lists: dict[str, list[Any]] = {
+        name: listed(name, given, "give a list, an entry a run") for name, given in each.items() if given is not None
+    }
+    count = max([len(given) for given in lists.values()], default=len(scenes) if worlds is not None else 1)
+    lists["scenes"] = scenes if worlds is not None else scenes * count
+    if any(len(given) != count for given in lists.values()):
+        found = ", ".join(f"{name} {len(given)}" for name, given in lists.items())
+        raise ValueError(f"gradient_batch: the lists have {found} entries; give as many of each, one a run")
+    runs = [Given(*row) for row in zip(lists["scenes"], *(lists.get(name, [None] * count) for name in each))]
+    how = How(duration, pushes, record_of(cost, record), record_interval)
+    return _over_threads(lambda run: _differentiate(run, how, cost, names), runs, threads)
+
+
+def _over_threads(work: Callable[[Given], Gradient], runs: list[Given], threads: int | None) -> list[Gradient]:
+    many = os.cpu_count() or 1 if threads is None else whole("threads", threads, 1, "give how many work at once")
+    if min(many, len(runs)) <= 1:
+        return [*map(work, runs)]
+    with ThreadPoolExecutor(min(many, len(runs))) as pool:
+        return list(pool.map(work, runs))
+
+
+def _differentiate(given: Given, how: How, cost: Cost, names: Sequence[str]) -> Gradient:
+    """Run forwards and backwards."""
+    scene, reference, tau = given.scene, given.reference, given.tau
+    shapes = {name: shape_of(scene, name, reference, tau) for name in names}
+    run = prepare(scene, how.duration, how.record, how.record_interval, pushes=how.pushes)
+    start = run.start(given.state, reference, tau)
+    adjoint = Adjoint(run, start, _others(given.scene, how, names))
+    out = adjoint.run()
+    trajectory = to_trajectory(run, adjoint.final, out, run.schedule(start.y))
+    if trajectory.failed:
+        return Gradient(math.inf, {name: np.full(shape, math.nan) for name, shape in shapes.items()}, trajectory)
+    if cost not in _checked:
+        check_derivatives(cost, trajectory.channels)
+        _checked.add(cost)
+    value, seeds = seeds_of(cost, run, out, trajectory.channels)
+    pulled = Pulled(adjoint, adjoint.pull(seeds))
+    if reference is None:
+        pulled.hold()
+    found = {name: pulled.by(name, reference, tau, given.state is not None) for name in names}
+    return Gradient(value, found, trajectory)
+
+
+_checked: weakref.WeakSet[Cost] = weakref.WeakSet()
+
+
+def _others(scene: CompiledScene, how: How, names: Sequence[str]) -> list[CompiledRun]:
+    """Return runs of scenes that differ from the scene in all constants that depend on parameters."""
+    scenes = [one for name in names if is_number(name) for one in table_of(scene, name).others]
+    return [prepare(one, how.duration, how.record, how.record_interval, pushes=how.pushes) for one in scenes]
+
+
+class RunObjective:
+    """The cost of a run and its gradient as a function of one vector, for optimizers.
+
+    ``scipy.optimize.minimize(objective, x0, jac=True)`` takes it as it is.
+
+    Parameters
+    ----------
+    scene, duration, cost, pushes, record, record_interval
+        As in `gradient`.
+    inputs : callable
+        Called with a vector (n,); returns what a run at it is given, by parameter: "state", "reference", "tau", and
+        physical numbers, as ``{"reference": Reference(times, x.reshape(5, 2)), "ground.friction": 0.5}``.  Knot times
+        must not depend on the vector.  Its own derivatives are extrapolated central differences, of `inputs` alone.
+    worlds : Worlds, optional
+        Worlds over which cost and gradient are averaged.
+    threads : int, optional
+        As in `gradient_batch`.
+    scale : array_like
+        Sizes of the vector's entries, of which the differences of `inputs` take a thousandth, where an entry is
+        smaller than that.
+
+    Attributes
+    ----------
+    last : list of Gradient
+        Results of the last call, one for each world.
+
+    Raises
+    ------
+    ValueError
+        As `gradient`; for inputs that are no parameters, or not smooth in the vector.
+
+    Examples
+    --------
+    >>> objective = RunObjective(scene, 1.0, cost, lambda x: {"state": initial_state(scene, qd=x)})
+    >>> scipy.optimize.minimize(objective, np.zeros(7), jac=True, method="BFGS")
+    """
+
+    def __init__(
+        self,
+        scene: CompiledScene,
+        duration: float,
+        cost: Cost,
+        inputs: Callable[[np.ndarray], Mapping[str, Any]],
+        pushes: Sequence[Push] = (),
+        record: Sequence[str] | None = None,
+        record_interval: float | None = None,
+        *,
+        worlds: Worlds | None = None,
+        threads: int | None = None,
+        scale: ArrayLike = 1.0,
+    ) -> None:
+        check_scene(scene)
+        functions(cost=cost, inputs=inputs)
+        self.scenes = [scene] if worlds is None else worlds.scenes(scene)
+        self.cost, self.inputs, self.threads = cost, inputs, threads
+        self.how = How(duration, pushes, record_of(cost, record), record_interval)
+        self.scale = floats("scale", scale)
+        if not (np.isfinite(self.scale).all() and (self.scale > 0.0).all()):
+            raise ValueError(f"scale is {shown(scale)}; give positive sizes of the vector's entries")
+        self.last: list[Gradient] = []
+
+    def __repr__(self) -> str:
+        name, count = self.scenes[0].model.name, len(self.scenes)
+        return f"<objective: {self.how.duration:g} s of {name} in {count} world{'s' * (count > 1)}>"
+
+    def __call__(self, x: ArrayLike) -> tuple[float, np.ndarray]:
+        """Return the cost and its gradient (n,) at a vector (n,), means over the worlds."""
+        x = np.array(floats("x", x))
+        given = self._given(x)
+        names = [*given]
+        runs = [
+            Given(scenes_with(scene, {n: number[None] for n, number in given.items() if is_number(n)})[0],
+                  *(given.get(name) for name in ("state", "reference", "tau")))
+            for scene in self.scenes
+        ]  # fmt: skip
+        self.last = _over_threads(lambda run: _differentiate(run, self.how, self.cost, names), runs, self.threads)
+        slopes = self._slopes(x, given)
+        total = np.zeros(len(x))
+        for one in self.last:
+            total += sum(np.einsum("xi,i->x", slopes[name], one[name].ravel()) for name in names)
+        return float(np.mean([one.value for one in self.last])), total / len(self.last)
+
+    def _given(self, x: np.ndarray) -> dict[str, Any]:
+        """Return what a run at a vector is given, checked; numbers as arrays in their own shape."""
+        given = self.inputs(x)
+        instance("inputs", given, Mapping, "return a dictionary by parameter, as {'state': ...}")
+        check_names(self.scenes[0], [*given])
+        found = {}
+        for name, value in given.items():
+            if name.startswith("state."):
+                raise ValueError(f"inputs: give the whole state, made by initial_state, in place of {name!r}")
+            found[name] = value
+            if is_number(name):
+                shape = number_of(self.scenes[0], name).shape
+                found[name] = np.broadcast_to(np.array(floats(f"inputs: {name}", value)), shape)
+        return found
+
+    def _slopes(self, x: np.ndarray, given: dict[str, Any]) -> dict[str, np.ndarray]:
+        """Return derivatives of each input (n, numbers) by the vector."""
+        widths = WIDTH * np.maximum(np.abs(x), self.scale)
+        found = {name: np.zeros((len(x), numbers_of(value).size)) for name, value in given.items()}
+        for k, width in enumerate(widths):
+            each = [self._given(moved(x, k, share * width)) for share in CENTRAL[0]]
+            for name, own in given.items():
+                for one in each:
+                    _check_times(name, own, one.get(name))
+                found[name][k] = slope([numbers_of(one[name]).ravel() for one in each], numbers_of(own).ravel(), width)
+        return found
+
+
+def _check_times(name: str, own: Any, other: Any) -> None:
+    """Raise ValueError for an input of another kind at a neighboring vector."""
+    times = [one.times.tobytes() if isinstance(one, Reference) else b"" for one in (own, other)]
+    if other is None or times[0] != times[1] or numbers_of(own).shape != numbers_of(other).shape:
+        raise ValueError(f"inputs: {name} has other knots or another shape at vectors nearby: leave these as they are")
