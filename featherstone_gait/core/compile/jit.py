@@ -18,6 +18,8 @@ the same moment, one may lose its entry or leave its code under the other's name
 Of several that want one kernel, one compiles it; the others wait and read it.  What is damaged on the disk counts as
 absent (sealed.py), and where nothing can be written each process compiles for itself: the cache stops no run.
 
+What was compiled beforehand comes first, from a store of the wheel or of `warm-up` (store.py).
+
 Floating point is strict IEEE 754 (no fastmath), which is what makes results equal to the bit in any width, on any
 number of threads and with the JIT off.
 """

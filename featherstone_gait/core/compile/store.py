@@ -18,7 +18,7 @@ import json
 import logging
 import sys
 from ctypes import c_void_p
-from functools import cache
+from functools import cache, cached_property
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import NamedTuple
@@ -37,7 +37,10 @@ LEVELS = {  # names by which LLVM knows them, the widest first, and what tells t
 }
 CALL, RUN, ENVIRONMENT = "call_", "run_", "environment_"  # before the key: called by Python, by kernels; a variable
 RECORD = "FEATHERSTONE_GAIT_RECORD"  # LEVEL,LEVEL=FOLDER in the environment: keep what is compiled in a store
-SETTINGS = "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO_DEFAULT", "CPU_NAME", "CPU_FEATURES"
+SETTINGS = (  # of Numba that change code
+    "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO_DEFAULT", "ENABLE_AVX", "CPU_NAME",
+    "CPU_FEATURES",
+)  # fmt: skip
 _log = logging.getLogger(__name__)
 
 
@@ -114,8 +117,7 @@ class Stores:
     def __init__(self, folders):
         self.folders = folders
 
-    @property
-    @cache  # noqa: B019  # as long as the process
+    @cached_property
     def levels(self) -> list[Level]:
         """The widest level of each folder for this processor, where the process has all symbols that the code needs."""
         there = [[folder / name for name in levels() if (folder / name).is_dir()][:1] for folder in self.folders]
