@@ -372,7 +372,7 @@ def _flat(typingctx, array):
 
 @overload(flat, jit_options=INNER)
 def _overload_flat(array):
-    if isinstance(array, types.Array) and array.layout == "C":
+    if isinstance(array, types.Array) and array.layout == "C" and array.dtype in (types.float64, Lanes):
         return lambda array: _flat(array)
     return None
 

@@ -220,12 +220,19 @@ _lower_unary(operator.neg, _negated)
 _lower_unary(abs, _absolute)
 
 
+def value_of(x):
+    """Return the number of a taped value, as a constant; any other value as it is."""
+    return x
+
+
 @intrinsic
-def value_of(typingctx, x):
-    """Return the number of a taped value, as a constant."""
-    if x is not Taped:
-        return signature(x, x), lambda context, builder, sig, args: args[0]
+def _value_of(typingctx, x):
     return signature(types.float64, x), lambda context, builder, sig, args: builder.extract_value(args[0], 0)
+
+
+@overload(value_of, jit_options=INLINE)
+def _overload_value_of(x):
+    return (lambda x: _value_of(x)) if x is Taped else (lambda x: x)
 
 
 @intrinsic
@@ -279,6 +286,25 @@ def as_taped(array):
 def _overload_as_taped(array):
     if isinstance(array, types.Array) and array.dtype == types.float64 and array.layout == "C":
         return lambda array: _as_taped(array)
+    return None
+
+
+@intrinsic
+def _in_one_row(typingctx, array):
+    view = types.Array(Taped, 1, "C")
+
+    def codegen(context, builder, sig, args):
+        source = context.make_array(sig.args[0])(context, builder, args[0])
+        stride = context.get_constant(types.intp, Taped.bitwidth // 8)
+        return lanes.array_over(context, builder, view, source, [source.nitems], [stride])
+
+    return signature(view, array), codegen
+
+
+@overload(lanes.flat, jit_options=INNER)
+def _flat(array):
+    if isinstance(array, types.Array) and array.dtype is Taped and array.layout == "C":
+        return lambda array: _in_one_row(array)
     return None
 
 
@@ -386,6 +412,12 @@ def as_input(words, number):
         words[at, k] = 0
     words[0, 0] = address + ENTRY
     return with_entry(number, address)
+
+
+@inline
+def input_at(words, entry, number):
+    """Return a number that is the input of an entry."""
+    return with_entry(number, (words[0, 2] & -SPAN) + entry * ENTRY)
 
 
 @inline

@@ -12,11 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compile.elementary import sincos
 from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import any_lane, flat, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.outside import call_entry
 from ..compile.structure import record, structure
+from ..compile.taped import noting, value_of
 from ..tree.distance import HALF_SPACE, Shapes
 from ..tree.forest import joint_count
 from ..tree.layout import SF, TOUCH, R, U, V
@@ -184,7 +186,7 @@ def place_pairs(pairs, predicted, step, lookahead_time):
     y, offsets, pool, width = step.y, step.offsets, step.pool, width_of(step.y)
     numbers, slots, c, placed, lane = flat(y), len(pool.old), 0, 0, _lane_that_goes_on(y, offsets.status)
     while c < slots:
-        k = int(numbers[(offsets.pair + c) * width + lane]) - 1
+        k = int(value_of(numbers[(offsets.pair + c) * width + lane])) - 1
         if k < 0:
             break
         pair = pairs.pairs[k]
@@ -194,8 +196,7 @@ def place_pairs(pairs, predicted, step, lookahead_time):
         if near:
             _clear(pool.C, c, pair.slots)
             _clear_moments(pairs.turning, pool, c, pair.slots)
-            for lane_of in range(width):
-                _place_in_lane(pairs, pair, step, c, lane_of, width)
+            _place_points(noting(y), pairs, pair, step, c, width)
             for j in range(c, c + pair.slots):
                 if any_lane(pool.C[j, GAP] < FAR) or _is_known(pairs.turning, y, offsets, j):
                     pool.pair[j], pool.placed[placed] = k, j
@@ -323,6 +324,16 @@ def look_in_lane(pairs, pair, room, lane, width):
 
 
 @inline
+def _place_points(noted, pairs, pair, step, c, width):
+    """Find the points of a pair, lane by lane or with their derivatives."""
+    if noted is None:
+        for lane in range(width):
+            _place_in_lane(pairs, pair, step, c, lane, width)
+    else:
+        place_noted(pairs, pair, step, c)
+
+
+@inline
 def _place_in_lane(pairs, pair, step, c, lane, width):
     """Find the points of a pair in one lane, and put each into the slot that its features had."""
     pool, placing, found = step.pool, flat(step.pool.placing), look_in_lane(pairs, pair, step.pool, lane, width)
@@ -340,6 +351,106 @@ def _place_in_lane(pairs, pair, step, c, lane, width):
             _store(C, c + j, AXES + 3, t, lane, width)
             _store(C, c + j, AXES + 6, cross(n, t), lane, width)
             C[((c + j) * COLUMNS + GAP) * width + lane] = -pool.manifold[m, 6]
+
+
+NEAR_BY = 1e-4  # of the size of a pair: largest motion of its first shape by which derivatives are taken
+FEW = 1e-6  # [m] size of a pair that is a point
+
+
+@apart
+def place_noted(pairs, pair, step, c):
+    """Find the points of a pair, and how they move with its shapes (taped.py).
+
+    The narrow phase tells the points alone: how they change when the first shape moves relative to the second is taken
+    by central differences of fourth order, with an error of some 1e-11; the rest is a motion of the whole.
+    """
+    pool, placing, poses = step.pool, step.pool.placing, step.pool.poses
+    for k in range(2):
+        for i in range(SHAPE_POSE):
+            poses[k, i] = value_of(placing[k, i])
+    found = 0
+    if value_of(placing[3, 0]) > 0.0:
+        found = _look(pairs, pair, pool, value_of(placing[2, 3]))
+    _keep_features(pairs.turning, pair, step, c, 0, 1, found)
+    if found == 0:
+        return
+    turn_a, way_a, turn_b, way_b = _small_motion(placing, poses, 0) + _small_motion(placing, poses, 1)
+    between = sub(load3(poses, 0, 9), load3(poses, 1, 9))
+    way = sub(way_a, add(way_b, cross(turn_b, between)))
+    turn, shift = sub(turn_a, turn_b), load3(placing, 2, 0)
+    for m in range(found):
+        j = int(pool.old[m, 0])
+        if j >= 0:
+            x, n = load3(pool.manifold, m, 0), load3(pool.manifold, m, 3)
+            store3(pool.C, c + j, XP, add(x, add(way_b, cross(turn_b, sub(x, load3(poses, 1, 9))))))
+            store3(pool.C, c + j, AXES, add(n, cross(turn_b, n)))
+            pool.C[c + j, GAP] = -pool.manifold[m, 6]
+    a, b = pairs.shapes.table[pair.a], pairs.shapes.table[pair.b]
+    size = max(a.bound, FEW) if b.kind >= HALF_SPACE else max(a.bound + b.bound, FEW)
+    for k in range(6):
+        by = turn[k % 3] if k < 3 else way[k % 3]
+        h = NEAR_BY * (1.0 if k < 3 else size)
+        for step_of in range(4):
+            to, weight = h * (1.0 - 2.0 * (step_of % 2)), 4.0 / 3.0
+            if step_of < 2:
+                to, weight = 2.0 * to, -1.0 / 3.0
+            _add_difference(pairs, pair, step, c, (k, to, weight / (2.0 * to)), by)
+    for i in range(SHAPE_POSE):
+        poses[0, i] = value_of(placing[0, i])
+    for j in range(c, c + pair.slots):
+        if value_of(pool.C[j, GAP]) < FAR:
+            x, n = load3(pool.C, j, XP), load3(pool.C, j, AXES)
+            t = _tangent(n)
+            store3(pool.C, j, XB, sub(x, shift))
+            store3(pool.C, j, AXES + 3, t)
+            store3(pool.C, j, AXES + 6, cross(n, t))
+
+
+@inline
+def _look(pairs, pair, pool, far):
+    arguments = (pairs.shapes, pair.a, pair.b, pool.poses, far, pool.bench, pool.manifold)
+    return call_entry(pool.narrow, arguments)
+
+
+@inline
+def _small_motion(placing, poses, k):
+    """Return the rotation (3) and the way (3) of a shape, zero but for their derivatives."""
+    E, r, F, s = load9(placing, k, 0), load3(placing, k, 9), load9(poses, k, 0), load3(poses, k, 9)
+    M = compose(E, (F[0], F[3], F[6], F[1], F[4], F[7], F[2], F[5], F[8]))
+    return (0.5 * (M[7] - M[5]), 0.5 * (M[2] - M[6]), 0.5 * (M[3] - M[1])), sub(r, s)
+
+
+@kernel
+def _add_difference(pairs, pair, step, c, change, by):
+    """Add what the points found with a moved first shape say of their derivative; by: the number that moves it."""
+    pool, (k, to, weight) = step.pool, change
+    for i in range(SHAPE_POSE):
+        pool.poses[0, i] = value_of(step.pool.placing[0, i])
+    if k < 3:
+        _turn_shape(pool.poses, k, to)
+    else:
+        pool.poses[0, 9 + k - 3] += to
+    found = _look(pairs, pair, pool, value_of(pool.placing[2, 3]))
+    for m in range(found):
+        for j in range(c, c + pair.slots):
+            if value_of(step.y[step.offsets.pair_feature + j]) == pool.manifold[m, 7] + 1.0:
+                for i in range(3):
+                    at_x, at_n = value_of(pool.C[j, XP + i]), value_of(pool.C[j, AXES + i])
+                    pool.C[j, XP + i] = pool.C[j, XP + i] + (weight * (pool.manifold[m, i] - at_x)) * by
+                    pool.C[j, AXES + i] = pool.C[j, AXES + i] + (weight * (pool.manifold[m, 3 + i] - at_n)) * by
+                depth = pool.manifold[m, 6] + value_of(pool.C[j, GAP])
+                pool.C[j, GAP] = pool.C[j, GAP] - (weight * depth) * by
+
+
+@inline
+def _turn_shape(poses, k, angle):
+    """Turn the first shape about an axis of the world."""
+    s, c = sincos(angle)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    for column in range(3):
+        y, z = poses[0, 3 * i + column], poses[0, 3 * j + column]
+        poses[0, 3 * i + column] = c * y - s * z
+        poses[0, 3 * j + column] = s * y + c * z
 
 
 @inline

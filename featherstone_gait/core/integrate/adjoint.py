@@ -26,12 +26,14 @@ from ..compile.taped import (
     as_taped,
     begin,
     entry_of,
+    input_at,
     on_tape,
     place_of,
     push_on,
     sweep,
     used,
 )
+from ..step.pool import renew_pool
 from ..step.signals import time_of
 from ..tree.coupling import follow
 from .integrator import hold_solution, take_step, thetas
@@ -124,12 +126,57 @@ def note(run, y, plain, noted, k):
         if k == 1:
             theta = first_theta
         t = time_of(plan, k - 1)
+        _renew(plain.scene.pairs, y, plain, noted, before)
+        _renew(plain.scene.pairs, y, plain, noted, before)
         take_step(plain.work, plain, noted.state, t, theta)
         hold_solution(run.work, plain.work)
         take_step(run.work, run, y, t, theta)
         follow(run.scene.coupling, run.offsets[0], y)
     if k < plan.steps:
         _ticks(run, y, k)
+
+
+@inline
+def _renew(pairs, y, plain, noted, before):
+    """Deal out the slots of pairs as a run does that begins here, and move what is noted of them."""
+    if pairs is not None:
+        o, state = plain.offsets[0], noted.state
+        renew_pool(pairs, plain, state, plain.plan.h, True)
+        for i in range(o.pair_budget, o.pair_budget + 1):
+            y[i] = state[i]
+        for new in range(len(plain.renewal.kept)):
+            old = _slot_before(o, new, state, before)
+            for first, count in ((o.pair, 1), (o.pair_feature, 1), (o.pair_gap, 1), (o.pair_force, 3), (o.pair_position, 3)):
+                for i in range(first + count * new, first + count * (new + 1)):
+                    y[i] = state[i]
+            _move(noted, y, o.pair_normal_force, 1, old, new)
+            _move(noted, y, o.pair_deflection, 3, old, new)
+            if pairs.turning is not None:
+                _move(noted, y, o.pair_turning, 4, old, new)
+
+
+@inline
+def _slot_before(o, new, state, before):
+    """Return the slot in which what is in the slot `new` was before, -1 of nothing."""
+    pair, first, old = state[o.pair + new], new, 0
+    if pair == 0.0:
+        return -1
+    while first > 0 and state[o.pair + first - 1] == pair:
+        first -= 1
+    while o.pair + old < o.pair_feature and before[o.pair + old] != pair:
+        old += 1
+    if o.pair + old == o.pair_feature:
+        return -1
+    return old + new - first
+
+
+@inline
+def _move(noted, y, at, count, old, new):
+    for i in range(count):
+        to = at + count * new + i
+        y[to] = noted.state[to]
+        if old >= 0:
+            y[to] = input_at(noted.words, noted.first + at + count * old + i, noted.state[to])
 
 
 @inline

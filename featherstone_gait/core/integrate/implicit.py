@@ -69,6 +69,13 @@ thetas.of(Implicit)(lambda work, theta, end: _thetas(work.predicted, theta, end)
 def _hold(work, solved):
     _copy(work.scratch.Z, solved.scratch.Z)
     _copy(work.scratch.C, solved.scratch.C)
+    _hold_pairs(solved.scratch.pool, work.scratch)
+
+
+@inline
+def _hold_pairs(pool, scratch):
+    if pool is not None:
+        _copy(scratch.pool.C, pool.C)
 
 
 @inline

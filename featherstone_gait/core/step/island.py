@@ -21,6 +21,7 @@ labels of their own there, so that the bits of a lane do not depend on its neigh
 from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import any_lane, select, sqrt, width_of
 from ..compile.optional import any_present, if_present
+from ..compile.taped import noting
 from ..effects.actuator import rotor_of
 from ..effects.contact import U0, UK, linearize_contacts, model_force, place_contacts
 from ..effects.fluid import place_fluid
@@ -251,18 +252,37 @@ def _share(n, values, step):
 @apart
 def _solve_island(n, rotor, contact, pairs, step):
     """Iterate by Newton's method, all trees of the island together."""
-    pool, y, counter = step.pool, step.y, step.offsets.newton_iterations
-    trees, first, end = step.scene.trees, pool.first_tree[n], pool.first_tree[n + 1]
-    zero = 0.0 * y[counter]
-    for i in range(first, end):
+    pool, zero = step.pool, 0.0 * step.y[step.offsets.newton_iterations]
+    for i in range(pool.first_tree[n], pool.first_tree[n + 1]):
         pool.at_work[pool.trees[i]] = 1.0 + zero
-    for k in range(MAX_PASSES):
+    _by_newton(noting(step.y), n, rotor, contact, pairs, step)
+
+
+@inline
+def _pass(n, rotor, contact, pairs, step):
+    """Linearize all forces, solve, and compare."""
+    pool, trees = step.pool, step.scene.trees
+    for i in range(pool.first_tree[n], pool.first_tree[n + 1]):
+        part = of_tree(step, trees[pool.trees[i]])
+        linearize(rotor, part)
+        linearize_contacts(contact, part)
+    _solve_linear(n, rotor, contact, pairs, step)
+    _compare(n, rotor, contact, pairs, step)
+
+
+@inline
+def _by_newton(noted, n, rotor, contact, pairs, step):
+    """Iterate; for gradients, whose scratch holds a solution, take one pass from there, as newton.py does."""
+    pool, y, counter = step.pool, step.y, step.offsets.newton_iterations
+    first, end, zero = pool.first_tree[n], pool.first_tree[n + 1], 0.0 * y[counter]
+    if noted is not None:
         for i in range(first, end):
-            part = of_tree(step, trees[pool.trees[i]])
-            linearize(rotor, part)
-            linearize_contacts(contact, part)
-        _solve_linear(n, rotor, contact, pairs, step)
-        _compare(n, rotor, contact, pairs, step)
+            pool.fraction[pool.trees[i]] = 1.0 + zero
+        _advance(n, rotor, contact, pairs, step)
+        _pass(n, rotor, contact, pairs, step)
+        return
+    for k in range(MAX_PASSES):
+        _pass(n, rotor, contact, pairs, step)
         going, rising = False, False
         for i in range(first, end):
             t = pool.trees[i]
