@@ -194,7 +194,7 @@ def place_pairs(pairs, predicted, step, lookahead_time):
         for j in range(c, c + pair.slots):
             near = near or _is_known(pairs.turning, y, offsets, j)
         if near:
-            _clear(pool.C, c, pair.slots)
+            _clear(noting(y), pool.C, c, pair.slots)
             _clear_moments(pairs.turning, pool, c, pair.slots)
             _place_points(noting(y), pairs, pair, step, c, width)
             for j in range(c, c + pair.slots):
@@ -229,11 +229,12 @@ def _is_known(turning, y, offsets, c):
 
 
 @inline
-def _clear(C, c, count):
-    """Set points to none, of finite numbers."""
+def _clear(noted, C, c, count):
+    """Set points to none, of finite numbers, but for the velocities of a solution that is noted (taped.py)."""
     for j in range(c, c + count):
         for k in range(CLEARED):
-            C[j, k] = 0.0
+            if noted is None or k < UN or k > UN + 2:
+                C[j, k] = 0.0
         C[j, GAP] = FAR
         C[j, AXES] = 1.0
         C[j, AXES + 4] = 1.0
@@ -662,7 +663,7 @@ def _spun(surfaces, u, c, row, C):
 def _clear_moments(turning, pool, c, count):
     """Set the moments of points to none."""
     if turning is not None:
-        _clear(pool.C, len(pool.old) + c, count)
+        _clear(noting(pool.C), pool.C, len(pool.old) + c, count)
 
 
 @inline
