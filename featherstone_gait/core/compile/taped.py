@@ -466,3 +466,13 @@ def noting(array):
 @overload(noting, jit_options=INNER)
 def _noting(array):
     return (lambda array: True) if array.dtype is Taped else (lambda array: None)
+
+
+def unless_noted(array, x):
+    """Return x, None for an array of taped numbers."""
+    return x
+
+
+@overload(unless_noted, jit_options=INNER)
+def _unless_noted(array, x):
+    return (lambda array, x: None) if array.dtype is Taped else (lambda array, x: x)

@@ -501,6 +501,14 @@ def _linearize(tendons, step):
 
 
 @inline
+def hold_tendons(tendons, W, solved):
+    """Take the speeds of a solution from another workspace."""
+    if tendons is not None:
+        for c in range(len(tendons.table)):
+            W[tendons.table[c].row, UN] = solved[tendons.table[c].row, UN]
+
+
+@inline
 def bind_tendons(tendons, contact, step):
     """Let the tendons act on the solution that the first pass of the ABA has left, with their slopes in its factors."""
     if tendons is not None:

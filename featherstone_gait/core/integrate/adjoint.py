@@ -129,7 +129,7 @@ def note(run, y, plain, noted, k):
         _renew(plain.scene.pairs, y, plain, noted, before)
         _renew(plain.scene.pairs, y, plain, noted, before)
         take_step(plain.work, plain, noted.state, t, theta)
-        hold_solution(run.work, plain.work)
+        hold_solution(run.work, run, plain)
         take_step(run.work, run, y, t, theta)
         follow(run.scene.coupling, run.offsets[0], y)
     if k < plan.steps:

@@ -8,6 +8,7 @@ from ..compile.jit import inline
 from ..compile.lanes import select
 from ..compile.optional import only_if
 from ..compile.structure import structure
+from ..effects.tendon import hold_tendons
 from ..step.advance import step_trees
 from ..step.closure import project, project_euler
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
@@ -66,10 +67,12 @@ thetas.of(Implicit)(lambda work, theta, end: _thetas(work.predicted, theta, end)
 
 
 @hold_solution.of(Implicit)
-def _hold(work, solved):
-    _copy(work.scratch.Z, solved.scratch.Z)
-    _copy(work.scratch.C, solved.scratch.C)
-    _hold_pairs(solved.scratch.pool, work.scratch)
+def _hold(work, run, plain):
+    solved, scratch = plain.work.scratch, work.scratch
+    _copy(scratch.Z, solved.Z)
+    _copy(scratch.C, solved.C)
+    hold_tendons(plain.scene.tendons, scratch.W, solved.W)
+    _hold_pairs(solved.pool, scratch)
 
 
 @inline

@@ -87,8 +87,8 @@ def thetas(work, theta, end):
 
 
 @overridable
-def hold_solution(work, solved):
-    """Bring the scratch of `work`, of taped numbers, to the solution that the same step has left in `solved`."""
+def hold_solution(work, run, plain):
+    """Bring the scratch of a run of taped numbers to the solution that the same step of `plain` has left in its own."""
 
 
 @by_type

@@ -4,6 +4,7 @@ from ..compile.by_type import overridable
 from ..compile.jit import inline
 from ..compile.lanes import select
 from ..compile.optional import any_present, plus_item
+from ..compile.taped import unless_noted
 from ..effects.actuator import controller_of, move_actuator, rotor_of
 from ..effects.contact import move_contacts
 from ..effects.controller import filter_speed
@@ -86,7 +87,7 @@ def advance(step):
     for i in range(first, end):
         a = with_predicted(step.predicted, step.Z[DA, i], y[offsets.qdd + i])
         dv = step.h * a
-        _watch(acting(step), offsets, y, i, dv)
+        _watch(unless_noted(y, acting(step)), offsets, y, i, dv)
         y[offsets.qdd + i] = a
         y[offsets.q + i] += step.h * step.Z[VN, i]
         y[offsets.qd + i] += dv

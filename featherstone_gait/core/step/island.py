@@ -70,6 +70,7 @@ from .newton import (
     VP,
     acting,
     articulate,
+    ask_again,
     bases_at,
     compare,
     descent_slope,
@@ -260,14 +261,13 @@ def _solve_island(n, rotor, contact, pairs, step):
 
 @inline
 def _pass(n, rotor, contact, pairs, step):
-    """Linearize all forces, solve, and compare."""
+    """Linearize all forces, and solve."""
     pool, trees = step.pool, step.scene.trees
     for i in range(pool.first_tree[n], pool.first_tree[n + 1]):
         part = of_tree(step, trees[pool.trees[i]])
         linearize(rotor, part)
         linearize_contacts(contact, part)
     _solve_linear(n, rotor, contact, pairs, step)
-    _compare(n, rotor, contact, pairs, step)
 
 
 @inline
@@ -280,9 +280,12 @@ def _by_newton(noted, n, rotor, contact, pairs, step):
             pool.fraction[pool.trees[i]] = 1.0 + zero
         _advance(n, rotor, contact, pairs, step)
         _pass(n, rotor, contact, pairs, step)
+        for i in range(first, end):
+            ask_again(step.scene.friction, rotor, of_tree(step, step.scene.trees[pool.trees[i]]))
         return
     for k in range(MAX_PASSES):
         _pass(n, rotor, contact, pairs, step)
+        _compare(n, rotor, contact, pairs, step)
         going, rising = False, False
         for i in range(first, end):
             t = pool.trees[i]

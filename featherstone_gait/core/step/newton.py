@@ -194,7 +194,7 @@ def _iterate(noted, rotor, contact, step):
         linearize(rotor, step)
         linearize_contacts(contact, step)
         _solve_linear(step.scene.armature, step.predicted, rotor, step)
-        compare(rotor, contact, step)
+        ask_again(step.scene.friction, rotor, step)
         return
     y, offsets, Z = step.y, step.offsets, step.Z
     active = Z[VP, 0] == Z[VP, 0]  # false for a lane that is not finite
@@ -214,6 +214,18 @@ def _iterate(noted, rotor, contact, step):
     y[offsets.newton_iterations + 1] = select(
         active, y[offsets.newton_iterations + 1] + 1.0, y[offsets.newton_iterations + 1]
     )
+
+
+@overridable
+def ask_again(friction, rotor, step):
+    """Leave what is left by the forces of joints that were asked for last, at the solution."""
+
+
+@ask_again.of(GearFriction)
+def _ask_gears(friction, rotor, step):
+    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
+    for i in range(first, end):
+        joint_force(friction, step, i, Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0))
 
 
 # ---------------------------------------------------------------------------------------------- the predicted state
