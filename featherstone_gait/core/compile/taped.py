@@ -159,6 +159,9 @@ def _of_two(builder, function):
 _BINARY = {"add": _sum(1), "sub": _sum(-1), "mul": _product, "truediv": _quotient}
 
 
+_PLAIN = {"add": ir.IRBuilder.fadd, "sub": ir.IRBuilder.fsub, "mul": ir.IRBuilder.fmul, "truediv": ir.IRBuilder.fdiv}
+
+
 def _unpacked(builder, *values):
     return [builder.extract_value(value, k) for value in values for k in range(2)]
 
@@ -170,8 +173,17 @@ def _lower_binary(op, name):
 
     @lower_builtin(op, Taped, Taped)
     def lower(context, builder, sig, args):
-        kinds = [_NUMBER, _WORD] * 2
-        return builder.call(_helper(builder, f"taped_{name}", kinds, _BINARY[name]), _unpacked(builder, *args))
+        a, at_a, b, at_b = parts = _unpacked(builder, *args)
+        plain = _made(builder, _PLAIN[name](builder, a, b), ir.Constant(_WORD, 0))
+        constant = builder.icmp_unsigned("==", builder.or_(at_a, at_b), ir.Constant(_WORD, 0))
+        before = builder.block
+        with builder.if_then(builder.not_(constant)):
+            noted = builder.call(_helper(builder, f"taped_{name}", [_NUMBER, _WORD] * 2, _BINARY[name]), parts)
+            within = builder.block
+        result = builder.phi(_VALUE)
+        result.add_incoming(plain, before)
+        result.add_incoming(noted, within)
+        return result
 
 
 def _lower_comparison(op, sign):
