@@ -17,6 +17,7 @@ from ..core.compile.taped import ADJOINT, COLUMNS, ENTRY, SPAN, Tape
 from ..core.compile.varying import Varying, varying_fields
 from ..core.integrate.adjoint import Noted, pull_back, push_forward
 from ..core.integrate.rollout import OK, rollout_one
+from ..core.tree.residual import ROOM
 from .compiled_run import CompiledRun, RunInput, Vector
 from .lane_constants import has_varying, merge
 
@@ -180,7 +181,11 @@ class Adjoint:
     def _arguments(self, n: int, states: np.ndarray) -> tuple[Any, ...]:
         tape, (first, steps) = self.tape, self.segments[n]
         start = np.zeros(self.length)
-        noted = Noted(tape.numbers, tape.links, tape.words, self.first, self.starts[n], states, start)
+        bodies = len(self.plain.scene.tree)
+        given, found, room = np.zeros(bodies + 6), np.zeros(bodies + 6), np.zeros((bodies, ROOM))
+        noted = Noted(
+            tape.numbers, tape.links, tape.words, self.first, self.starts[n], states, start, given, found, room
+        )  # fmt: skip
         self.y[...] = 0.0
         return self._segment(self.taped, first, steps), self.y, self._segment(self.plain, first, steps), noted
 

@@ -7,7 +7,7 @@ A. Griewank and A. Walther, Evaluating Derivatives, 2008, section 3.2).
 
 A value is a float64 and the address of its entry, 0 of a constant.  The tape lies at a multiple of `SPAN`, so that each
 address tells where it begins; its first entry has the address of the next free one, how far that moves,
-and where the tape ends.  What depends on no input, or not to first order, gets no entry.
+and where the tape ends, its second where a `relay` stands.  What depends on no input, or not to first order, gets no entry.
 
 Arrays of taped numbers are float64 arrays with a last axis of two, value and address; constants that are inputs are
 `Varying`, as those that differ by lane.  A branch that a kernel
@@ -35,6 +35,8 @@ from .varying import varying_viewer
 SPAN = 1 << 26  # [bytes] of which a tape begins at a multiple, and which it does not exceed
 ENTRY = 32  # [bytes]: two int32, how far the operands' entries are from the first; two derivatives; the adjoint
 FIRST, SECOND, ADJOINT = 1, 2, 3  # columns of the derivatives and of the adjoint
+RELAY, RELAYED = 0, 1  # columns of the second entry: where a relay stands, and how many numbers it takes
+ONE = 0x3FF0000000000000  # the bits of 1.0
 COLUMNS = 8  # tangents that go on together
 
 
@@ -378,7 +380,8 @@ class Tape:
         self.numbers = self._memory[start : start + (entries + 1) * ENTRY].view(np.float64).reshape(-1, ENTRY // 8)
         self.words, self.links = self.numbers.view(np.int64), self.numbers.view(np.int32)
         self.base = int(self.numbers.ctypes.data)
-        self.words[0] = self.base + ENTRY, ENTRY, self.base + entries * ENTRY, 0
+        self.words[0] = self.base + 2 * ENTRY, ENTRY, self.base + entries * ENTRY, 0
+        self.words[1] = 0
 
     @property
     def first(self):
@@ -413,6 +416,7 @@ def begin(words, first):
     base = words[0, 2] & -SPAN
     words[0, 0] = base + first * ENTRY
     words[0, 1] = ENTRY
+    words[1, RELAY] = 0
 
 
 @inline
@@ -439,11 +443,10 @@ def add_adjoint(numbers, x, weight):
 
 
 @kernel
-def sweep(numbers, links, words, first):
-    """Gather adjoints from the last entry back to `first`; what a result depends on has its derivative then."""
-    last = used(words)
-    for k in range(last - first):
-        at = last - 1 - k
+def sweep(numbers, links, first, end):
+    """Gather adjoints from the entry before `end` back to `first`; an input has its derivative then."""
+    for k in range(end - first):
+        at = end - 1 - k
         weight = numbers[at, ADJOINT]
         if weight != 0.0:
             numbers[links[at, 0] // ENTRY, ADJOINT] += numbers[at, FIRST] * weight
@@ -451,13 +454,73 @@ def sweep(numbers, links, words, first):
 
 
 @kernel
-def push_on(numbers, links, words, first, directions):
-    """Fill the tangents (entries, COLUMNS) of the entries from `first` on from those before."""
-    for at in range(first, used(words)):
+def push_on(numbers, links, first, end, directions):
+    """Fill the tangents (entries, COLUMNS) of the entries from `first` to before `end` from those before."""
+    for at in range(first, end):
         a, b = links[at, 0] // ENTRY, links[at, 1] // ENTRY
         by_a, by_b = numbers[at, FIRST], numbers[at, SECOND]
         for c in range(COLUMNS):
             directions[at, c] = by_a * directions[a, c] + by_b * directions[b, c]
+
+
+@intrinsic
+def _peek(typingctx, address, k):
+    """Return the word k of an entry."""
+
+    def codegen(context, builder, sig, args):
+        return builder.load(builder.gep(builder.inttoptr(args[0], ir.PointerType(_WORD)), [args[1]]))
+
+    return signature(types.int64, types.int64, types.int64), codegen
+
+
+@intrinsic
+def _poke(typingctx, address, k, word):
+    """Write the word k of an entry."""
+
+    def codegen(context, builder, sig, args):
+        builder.store(args[2], builder.gep(builder.inttoptr(args[0], ir.PointerType(_WORD)), [args[1]]))
+        return context.get_dummy_value()
+
+    return signature(types.none, types.int64, types.int64, types.int64), codegen
+
+
+@inline
+def tape_of(array):
+    """Return the address of the tape on which numbers of the array are, 0 of constants alone."""
+    for i in range(len(array)):
+        if entry_of(array[i]) != 0:
+            return entry_of(array[i]) & -SPAN
+    return 0
+
+
+@inline
+def begin_relay(tape, count):
+    """Begin a relay of `count` numbers: entries for them, which `relay` fills, and as many after them of what follows.
+
+    What follows is a function that the tape does not know: who sweeps stops there, and takes the adjoints on.
+    """
+    at = _peek(tape, 0)
+    if at + 2 * count * ENTRY <= _peek(tape, 2):
+        _poke(tape, 0, at + 2 * count * ENTRY)
+        _poke(tape + ENTRY, RELAY, at)
+        _poke(tape + ENTRY, RELAYED, count)
+    else:
+        _poke(tape, 0, _peek(tape, 2))
+    return at
+
+
+@inline
+def relay(tape, at, count, k, x, number):
+    """Let number k of a relay be x, and return what follows from all as number k, of this value."""
+    if at + 2 * count * ENTRY > _peek(tape, 2):
+        return with_entry(number, 0)
+    entry, after = at + k * ENTRY, at + (count + k) * ENTRY
+    for word in range(ENTRY // 8):
+        _poke(entry, word, 0)
+        _poke(after, word, 0)
+    _poke(entry, 0, entry_of(x) & (SPAN - 1))
+    _poke(entry, FIRST, ONE)
+    return with_entry(number, after)
 
 
 def constant(x):

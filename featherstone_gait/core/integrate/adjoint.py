@@ -17,10 +17,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import entry, inline, kernel
+from ..compile.optional import any_present
 from ..compile.structure import structure
 from ..compile.taped import (
     ADJOINT,
     COLUMNS,
+    RELAY,
+    RELAYED,
     add_adjoint,
     as_input,
     as_taped,
@@ -32,10 +35,12 @@ from ..compile.taped import (
     push_on,
     sweep,
     used,
+    value_of,
 )
 from ..step.pool import renew_pool
 from ..step.signals import time_of
 from ..tree.coupling import follow
+from ..tree.residual import solve_in_factors
 from .integrator import hold_solution, take_step, thetas
 from .rollout import between_ticks, tick
 
@@ -51,6 +56,9 @@ class Noted(NamedTuple):
     start: np.ndarray  # (length,) state before the ticks at the start
     past: np.ndarray  # (steps + 1, length) states after the ticks at each step
     state: np.ndarray  # (length,) scratch
+    given: np.ndarray  # (joints + 6,) of a solution in factors
+    found: np.ndarray
+    room: np.ndarray  # (bodies, ROOM)
 
 
 @entry
@@ -74,7 +82,7 @@ def _pull_back(run, y, plain, noted, seeds, adjoint):
         note(run, y, plain, noted, k)
         for i in range(len(y)):
             add_adjoint(noted.numbers, y[i], adjoint[i])
-        sweep(noted.numbers, noted.links, noted.words, noted.first)
+        _sweep_back(run, plain, noted)
         most = max(most, used(noted.words))
         for i in range(len(y)):
             adjoint[i] = noted.numbers[noted.first + i, ADJOINT]
@@ -99,7 +107,7 @@ def _push_forward(run, y, plain, noted, directions, tangents, out):
         for i in range(len(y)):
             for c in range(COLUMNS):
                 directions[noted.first + i, c] = tangents[i, c]
-        push_on(noted.numbers, noted.links, noted.words, noted.first + len(y), directions)
+        _push_on(plain, noted, noted.first + len(y), directions)
         most = max(most, used(noted.words))
         for i in range(len(y)):
             for c in range(COLUMNS):
@@ -109,6 +117,49 @@ def _push_forward(run, y, plain, noted, directions, tangents, out):
                 for c in range(COLUMNS):
                     out[k // plan.per_sample, j, c] = tangents[run.channels[j], c]
     return most
+
+
+@inline
+def _sweep_back(run, plain, noted):
+    """Sweep over the whole tape, at a relay through the factors that the step has left."""
+    numbers, links, words = noted.numbers, noted.links, noted.words
+    at, count, end = place_of(words[1, RELAY]), words[1, RELAYED], used(words)
+    if at > 0:
+        sweep(numbers, links, at + 2 * count, end)
+        for i in range(count):
+            noted.given[i], noted.found[i] = numbers[at + count + i, ADJOINT], 0.0
+        _through_factors(plain, noted)
+        for i in range(count):
+            numbers[at + i, ADJOINT] += noted.found[i]
+        end = at + count
+    sweep(numbers, links, noted.first, end)
+
+
+@inline
+def _push_on(plain, noted, first, directions):
+    numbers, links, words = noted.numbers, noted.links, noted.words
+    at, count, end = place_of(words[1, RELAY]), words[1, RELAYED], used(words)
+    if at > 0:
+        push_on(numbers, links, first, at + count, directions)
+        for c in range(COLUMNS):
+            for i in range(count):
+                noted.given[i], noted.found[i] = directions[at + i, c], 0.0
+            _through_factors(plain, noted)
+            for i in range(count):
+                directions[at + count + i, c] = noted.found[i]
+        first = at + 2 * count
+    push_on(numbers, links, first, end, directions)
+
+
+@inline
+def _through_factors(plain, noted):
+    scene, scratch = plain.scene, plain.work.scratch
+    _solve(scene.floating, any_present(scene.contact, scene.fluid), scene.tree, scratch.W, noted)
+
+
+@inline
+def _solve(floating, contact, tree, W, noted):
+    solve_in_factors(tree, None, floating, contact, noted.room, W, noted.given, 0, noted.found)
 
 
 @kernel
@@ -129,7 +180,9 @@ def note(run, y, plain, noted, k):
         _renew(plain.scene.pairs, y, plain, noted, before)
         _renew(plain.scene.pairs, y, plain, noted, before)
         take_step(plain.work, plain, noted.state, t, theta)
-        hold_solution(run.work, run, plain)
+        for i in range(len(y)):
+            noted.state[i] = value_of(y[i])
+        hold_solution(run.work, run, plain, noted.state, t, theta)
         take_step(run.work, run, y, t, theta)
         follow(run.scene.coupling, run.offsets[0], y)
     if k < plan.steps:

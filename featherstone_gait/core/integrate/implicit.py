@@ -6,13 +6,15 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.lanes import select
-from ..compile.optional import only_if
+from ..compile.optional import any_present, only_if
 from ..compile.structure import structure
 from ..effects.tendon import hold_tendons
 from ..step.advance import step_trees
 from ..step.closure import project, project_euler
 from ..step.context import NEWTON_TOLERANCE, Scratch, Step
+from ..step.newton import acting, factor_again, is_coupled
 from ..step.signals import inputs_over_step
+from ..tree.layout import U
 from .integrator import Integrator, hold_solution, scratch, take_step, thetas
 
 
@@ -27,17 +29,21 @@ class Implicit(NamedTuple):
 @take_step.of(Implicit)
 def implicit_step(work, run, y, t, theta):
     """Take one step (figures 2 to 6 of the paper): solve motors, gears, joints and ground together, voltages held."""
-    scene, u, scratch, plan = run.scene, run.signals, work.scratch, run.plan
-    act, decay, offsets, h = scene.actuator, scene.decay, run.offsets[0], plan.h
-    inputs_over_step(u, t, h, t + plan.theta * h)
-    at = Step(
-        scene=scene, actuator=act, decay=decay, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
+    h = run.plan.h
+    inputs_over_step(run.signals, t, h, t + run.plan.theta * h)
+    step_trees(_step(work, run, y, t, theta))
+    _close(work.predicted, run.scene, run.offsets[0], work.scratch, h, y)
+
+
+@inline
+def _step(work, run, y, t, theta):
+    scene, u, scratch, h = run.scene, run.signals, work.scratch, run.plan.h
+    return Step(
+        scene=scene, actuator=scene.actuator, decay=scene.decay, offsets=run.offsets[0], y=y, tau=u.tau, drive=u.drive,
         predicted=work.predicted, t=t, span=h, h=h, h_implicit=theta * h, theta=theta,
         extrapolation_ratio=only_if(work.predicted, (1.0 - theta) / theta), tolerance=NEWTON_TOLERANCE,
         W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, pool=scratch.pool, part=None, closing=scratch.closing,
     )  # fmt: skip
-    step_trees(at)
-    _close(work.predicted, scene, offsets, scratch, h, y)
 
 
 @inline
@@ -67,12 +73,32 @@ thetas.of(Implicit)(lambda work, theta, end: _thetas(work.predicted, theta, end)
 
 
 @hold_solution.of(Implicit)
-def _hold(work, run, plain):
+def _hold(work, run, plain, y, t, theta):
     solved, scratch = plain.work.scratch, work.scratch
     _copy(scratch.Z, solved.Z)
     _copy(scratch.C, solved.C)
     hold_tendons(plain.scene.tendons, scratch.W, solved.W)
     _hold_pairs(solved.pool, scratch)
+    _hold_factors(is_coupled(plain.scene), work, plain, y, t, theta)
+
+
+@inline
+def _hold_factors(coupled, work, plain, y, t, theta):
+    if coupled is None:
+        for k in range(6):
+            work.scratch.W[0, U + k] = plain.work.scratch.W[0, U + k]
+        _factor(_step(plain.work, plain, y, t, theta))
+
+
+@inline
+def _factor(step):
+    _factor_if(any_present(any_present(acting(step), step.tau), step.scene.contact), step)
+
+
+@inline
+def _factor_if(forces, step):
+    if forces is not None:
+        factor_again(step)
 
 
 @inline

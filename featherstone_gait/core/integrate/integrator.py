@@ -87,8 +87,11 @@ def thetas(work, theta, end):
 
 
 @overridable
-def hold_solution(work, run, plain):
-    """Bring the scratch of a run of taped numbers to the solution that the same step of `plain` has left in its own."""
+def hold_solution(work, run, plain, y, t, theta):
+    """Bring the scratch of a run of taped numbers to the solution that the same step of `plain` has left in its own.
+
+    y: its state before the step; its own scratch then holds the factors of the step.
+    """
 
 
 @by_type

@@ -26,8 +26,8 @@ what is compared knows them.
 from ..compile.by_type import overridable
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
-from ..compile.optional import any_present, item_or_zero, only_if, plus_item, slice_if
-from ..compile.taped import constant, noting
+from ..compile.optional import any_present, if_present, item_or_zero, only_if, plus_item, slice_if
+from ..compile.taped import begin_relay, constant, noting, relay, tape_of, value_of
 from ..effects.actuator import actuator_force, rotor_of
 from ..effects.ball_spring import place_ball_springs, plus_ball_spring
 from ..effects.contact import (
@@ -70,8 +70,11 @@ from ..effects.tendon import (
 from ..tree.aba import acceleration_pass, articulated_pass, constrain
 from ..tree.ball import ball_positions, last_balls, move_balls
 from ..tree.forest import base_count, base_index, base_of, joint_count, joints_of
+from ..tree.joint import accelerate
 from ..tree.kinematics import motion_pass, move_base
-from ..tree.layout import Motion
+from ..tree.layout import UU, Motion, U
+from ..tree.residual import residual
+from ..tree.spatial import load3
 from .closure import close_loops, place_loops
 
 MAX_PASSES = 40
@@ -193,7 +196,9 @@ def _iterate(noted, rotor, contact, step):
         move_iterate(rotor, contact, step, fraction, fraction > 0.0)
         linearize(rotor, step)
         linearize_contacts(contact, step)
-        _solve_linear(step.scene.armature, step.predicted, rotor, step)
+        prepare(step.scene.armature, step.predicted, step)
+        _note_accelerations(is_coupled(step.scene), any_present(contact, step.scene.fluid), step)
+        fill_solution(rotor, step)
         ask_again(step.scene.friction, rotor, step)
         return
     y, offsets, Z = step.y, step.offsets, step.Z
@@ -214,6 +219,58 @@ def _iterate(noted, rotor, contact, step):
     y[offsets.newton_iterations + 1] = select(
         active, y[offsets.newton_iterations + 1] + 1.0, y[offsets.newton_iterations + 1]
     )
+
+
+@inline
+def is_coupled(scene):
+    """Return True, None for one robot that nothing couples but its joints."""
+    return any_present(any_present(scene.trees, scene.coupling), any_present(scene.loops, scene.tendons))
+
+
+@inline
+def factor_again(step):
+    """Leave the factors of a step's linear system at the solution, which the iterate becomes."""
+    contact, rotor = step.scene.contact, rotor_of(step.actuator)
+    move_iterate(rotor, contact, step, 1.0, True)
+    linearize(rotor, step)
+    linearize_contacts(contact, step)
+    prepare(step.scene.armature, step.predicted, step)
+    articulate(step.Z[DIAGONAL], contact, step)
+
+
+@inline
+def _note_accelerations(coupled, contact, step):
+    """Fill DA by both passes, or about the solution that the scratch holds: by the residual (tree/residual.py)."""
+    if coupled is not None:
+        accelerations(step.Z[DIAGONAL], step.scene.contact, step, step.Z[DA])
+    else:
+        wrench = any_present(any_present(step.scene.push, step.scene.lifts), step.scene.propellers)
+        _note_residual(step.scene.floating, contact, only_if(wrench, step.F), step)
+
+
+@kernel
+def _note_residual(floating, contact, wrench, step):
+    tree, Z, W, n = step.scene.tree, step.Z, step.W, len(step.scene.tree) - 1
+    moment, force = residual(tree, None, Z[TAU], Z[DIAGONAL], wrench, contact, Z[DA], W)
+    count = n + count_of_base(floating)
+    tape = tape_of(step.y)
+    at = begin_relay(tape, count)
+    for i in range(1, n + 1):
+        j = tree[i].dof
+        Z[DA, j] = relay(tape, at, count, j, W[i, UU], value_of(Z[DA, j]))
+    if floating is not None:
+        for k in range(3):
+            W[0, U + k] = relay(tape, at, count, n + k, moment[k], value_of(W[0, U + k]))
+            W[0, U + 3 + k] = relay(tape, at, count, n + 3 + k, force[k], value_of(W[0, U + 3 + k]))
+    for i in range(1, n + 1):
+        b = tree[i]
+        accelerate(b, i, load3(W, b.parent, U), load3(W, b.parent, U + 3), Z[DA, b.dof], W)
+
+
+@if_present(0)
+def count_of_base(floating):
+    """Return how many accelerations a base has."""
+    return 6
 
 
 @overridable

@@ -154,15 +154,22 @@ def along(b, i, n, f, W):
 
 
 @inline
-def accelerate(b, i, dn, df, qdd, W):
-    """Store dA = dA_parent + S qdd; dA_parent = [dn; df]."""
+def accelerated(b, i, dn, df, qdd, W):
+    """Return dA = dA_parent + S qdd; dA_parent = [dn; df]."""
     s = _axis(i, W)
     if b.kind == PRISMATIC:
-        store3(W, i, U, dn)
-        store3(W, i, U + 3, add(df, scale(s, qdd)))
+        n, f = dn, add(df, scale(s, qdd))
     else:
-        store3(W, i, U, add(dn, scale(s, qdd)))
-        store3(W, i, U + 3, add(df, scale(_lever(b, i, s, W), qdd)))
+        n, f = add(dn, scale(s, qdd)), add(df, scale(_lever(b, i, s, W), qdd))
+    return n, f
+
+
+@inline
+def accelerate(b, i, dn, df, qdd, W):
+    """Store dA = dA_parent + S qdd; dA_parent = [dn; df]."""
+    n, f = accelerated(b, i, dn, df, qdd, W)
+    store3(W, i, U, n)
+    store3(W, i, U + 3, f)
 
 
 @inline
