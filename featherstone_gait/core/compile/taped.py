@@ -6,8 +6,8 @@ goes back over the tape and gathers what each entry adds to the derivative of a 
 A. Griewank and A. Walther, Evaluating Derivatives, 2008, section 3.2).
 
 A value is a float64 and the address of its entry, 0 of a constant.  The tape lies at a multiple of `SPAN`, so that each
-address tells where it begins; its first entry has the address of the next free one, how far that moves,
-and where the tape ends, its second where a `relay` stands.  What depends on no input, or not to first order, gets no entry.
+address tells where it begins; its first entry has the address of the next free one, how far that moves, and where the
+tape ends, its second where a `relay` stands.  What depends on no input, or not to first order, gets no entry.
 
 Arrays of taped numbers are float64 arrays with a last axis of two, value and address; constants that are inputs are
 `Varying`, as those that differ by lane.  A branch that a kernel

@@ -199,7 +199,8 @@ def _renew(pairs, y, plain, noted, before):
             y[i] = state[i]
         for new in range(len(plain.renewal.kept)):
             old = _slot_before(o, new, state, before)
-            for first, count in ((o.pair, 1), (o.pair_feature, 1), (o.pair_gap, 1), (o.pair_force, 3), (o.pair_position, 3)):
+            ones, threes = (o.pair, 1), (o.pair_force, 3)
+            for first, count in (ones, (o.pair_feature, 1), (o.pair_gap, 1), threes, (o.pair_position, 3)):
                 for i in range(first + count * new, first + count * (new + 1)):
                     y[i] = state[i]
             _move(noted, y, o.pair_normal_force, 1, old, new)

@@ -12,7 +12,21 @@ from .forest import is_fixed, rows_of
 from .joint import accelerate, accelerated, along
 from .layout import DINV, SF, SH, SJ, SM, TOUCH, UU, A, U, V
 from .rigid_body import center_velocity, mass_center
-from .spatial import accumulate3, add, cross, dot, load3, load9, rotate, rotate_back, scale, solve6, store3, sub, symmetric
+from .spatial import (
+    accumulate3,
+    add,
+    cross,
+    dot,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale,
+    solve6,
+    store3,
+    sub,
+    symmetric,
+)
 
 ROOM = 7  # columns of the scratch of a solution
 
