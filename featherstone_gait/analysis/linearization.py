@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base import deprecated
-from ..base.arguments import listed, one_of, vector, whole
+from ..base.arguments import listed, one_of, truth, vector, whole
 from ..base.brief import brief
 from ..core.compile.jit import direct
 from ..core.compile.lanes import WIDTH, aligned
@@ -48,6 +48,7 @@ from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from ..scene.friction import sticks
 from .chart import AnyChart, ClosedChart, beside, chart_of, coordinates_of, width_of
+from .tangents import tangent_columns
 
 INPUTS = ("reference", "torque", "voltage")
 KINDS = ("coordinates", "controlled")  # of channels that always count
@@ -159,6 +160,7 @@ def linearize(
     steps: int | None = None,
     rtol: float | None = None,
     threads: int | None = None,
+    exact: bool = False,
 ) -> Linearization:
     """Linearize a scene about a state, over one controller period or a number of steps.
 
@@ -186,6 +188,9 @@ def linearize(
         Tolerance of an integrator that chooses its steps, 1e-12 if None; its choice causes errors of some rtol / width.
     threads
         Number of threads; results do not depend on it.  None: as many as pay off, at most one for each core.
+    exact
+        True: derivatives by tangents, exact to rounding, of an integrator of fixed steps.  Differences then look for
+        discontinuities alone.  The first call compiles as long as two kinds of runs take.
 
     Returns
     -------
@@ -214,6 +219,7 @@ def linearize(
         raise ValueError(f"{name}: outputs: q has quaternions of ball joints; read its states, or give ball_q")
     threads = None if threads is None else whole("threads", threads, 1, "one a core is usual", 1024)
     duration = steps * scene.timestep
+    truth("exact", exact)
     driven = tau is not None or "torque" in named
     compiled = with_steps(prepare(scene, duration, outputs, rtol=tolerance, driven=driven), steps, steps)
     tau = np.zeros(scene.tree.n) if tau is None and driven else tau
@@ -224,7 +230,7 @@ def linearize(
     at = scene, tuple(channels), held
     chart = ClosedChart(*at, system.y) if scene.model.loops else chart_of(*at)
     try:
-        return _differences(system, chart, outputs, duration)
+        return (_exact if exact else _differences)(system, chart, outputs, duration)
     finally:
         system.close()
 
@@ -478,9 +484,7 @@ def _named(scene: CompiledScene, chart: AnyChart, signals: tuple[str, ...]) -> t
 
 def _differences(system: _System, chart: AnyChart, outputs: tuple[str, ...], period: float) -> Linearization:
     """Compute all columns, each with widths as small as it takes."""
-    scene = system.scene
-    names, first = _named(scene, chart, tuple(system.signals))
-    read = system.compiled.channels
+    names, first = _named(system.scene, chart, tuple(system.signals))
     found, end = _columns(system, chart, np.arange(len(names)), first)
     least = SMALL * (np.abs(found.value) * first).max(axis=1, initial=0.0)[:, None] / first
     jumps = _discontinuous(found, least)
@@ -492,17 +496,72 @@ def _differences(system: _System, chart: AnyChart, outputs: tuple[str, ...], per
         found = _better(found, again, _columns(system, chart, again, first[again] / FINER**k)[0])
         jumps = _discontinuous(found, least)
     found.error[jumps] = 0.5 * np.abs(found.right - found.left)[jumps]
-    n, labels = chart.states, (*chart.names[: chart.states], *_labels(scene, outputs, read))
-    discontinuities = tuple(
-        Discontinuity(names[j], tuple(labels[i] for i in rows), found.left[rows, j], found.right[rows, j])
-        for j, rows in ((j, np.flatnonzero(jumps[:, j])) for j in np.flatnonzero(jumps.any(axis=0)))
-    )
-    value, error = found.value, found.error
+    computed, every = (found.value, found.error, end), np.arange(len(names))
+    return _model(system, chart, outputs, period, computed, (every, found, jumps))
+
+
+def _exact(system: _System, chart: AnyChart, outputs: tuple[str, ...], period: float) -> Linearization:
+    """Compute all columns by tangents, and look by differences for those where left and right differ."""
+    signals = {name: len(system.names(name)) for name in system.inputs if name != "voltage"}
+    start = system.start._replace(y=system.y)
+    if "voltage" in system.inputs:
+        start = start._replace(reference=None)
+    value, error, end = tangent_columns(system.compiled, start, chart, signals)
+    _, first = _named(system.scene, chart, tuple(system.signals))
+    least = SMALL * (np.abs(value) * first).max(axis=1, initial=0.0)[:, None] / first
+    which = _suspects(system, chart, first, value, least)
+    found, jumps = None, np.zeros((len(value), 0), bool)
+    for k in range(ROUNDS if len(which) else 0):
+        new = _columns(system, chart, which, first[which] / FINER**k)[0]
+        found = new if found is None else _better(found, np.arange(len(which)), new)
+        jumps = _discontinuous(found, least[:, which])
+    for k, j in enumerate(which):
+        assert found is not None
+        error[jumps[:, k], j] = 0.5 * np.abs(found.right - found.left)[jumps[:, k], k]
+        value[jumps[:, k], j] = found.value[jumps[:, k], k]
+    return _model(system, chart, outputs, period, (value, error, end), (which, found, jumps))
+
+
+def _suspects(
+    system: _System, chart: AnyChart, widths: np.ndarray, value: np.ndarray, least: np.ndarray
+) -> np.ndarray:
+    """Return the columns in which a step to one side may differ from that to the other by more than it curves."""
+    count, read = len(widths), system.compiled.channels
+    states, moves = system.beginnings(2 * count + 1)
+    steps = np.concatenate([widths, -widths])
+    _move(chart, system.y, states, moves, np.tile(np.arange(count), 2), steps)
+    system.run(states, moves)
+    block, lane = divmod(2 * count, system.lanes)
+    F, end = states.swapaxes(0, 1), states[block, :, lane].copy()
+    moved = np.concatenate([chart.difference(F, end), F[read] - beside(end[read], F)]).reshape(len(value), -1)
+    sides = moved[:, : 2 * count].reshape(-1, 2, count) / steps.reshape(2, count)
+    size = np.maximum(np.abs(value), least)
+    return np.flatnonzero((np.abs(sides - value[:, None]) > JUMP * size[:, None]).any(axis=(0, 1)))
+
+
+def _model(
+    system: _System,
+    chart: AnyChart,
+    outputs: tuple[str, ...],
+    period: float,
+    computed: tuple[np.ndarray, np.ndarray, np.ndarray],
+    kinks: tuple[np.ndarray, _Columns | None, np.ndarray],
+) -> Linearization:
+    """Return the linear model of values, errors and end state; kinks: columns, their differences, where they jump."""
+    (value, error, end), (which, found, jumps), n = computed, kinks, chart.states
+    names, _ = _named(system.scene, chart, tuple(system.signals))
+    labels = (*chart.names[:n], *_labels(system.scene, outputs, system.compiled.channels))
+    discontinuities = []
+    for k in np.flatnonzero(jumps.any(axis=0)):
+        assert found is not None
+        rows = np.flatnonzero(jumps[:, k])
+        sides = found.left[rows, k], found.right[rows, k]
+        discontinuities.append(Discontinuity(names[which[k]], tuple(labels[i] for i in rows), *sides))
     return Linearization(
         A=value[:n, :n], B=value[:n, n:], C=value[n:, :n], D=value[n:, n:],
         A_error=error[:n, :n], B_error=error[:n, n:], C_error=error[n:, :n], D_error=error[n:, n:],
         states=names[:n], inputs=names[n:], outputs=labels[n:],
-        discontinuities=discontinuities, change=chart.difference(end, system.y), period=period, state=system.y,
+        discontinuities=tuple(discontinuities), change=chart.difference(end, system.y), period=period, state=system.y,
         chart=chart,
     )  # fmt: skip
 

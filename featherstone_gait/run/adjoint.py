@@ -152,21 +152,16 @@ class Adjoint:
         tangents (length, count): of the state at the start; directions (entries, count): of the other inputs, see
         `entries`.
         """
-        parts = []
-        for at in range(0, max(tangents.shape[1], 1), COLUMNS):
-            part = slice(at, at + COLUMNS)
-            parts.append(self._push(tangents[:, part], directions[:, part]))
-        return np.concatenate([out for out, _ in parts], axis=2), np.concatenate([end for _, end in parts], axis=1)
-
-    def _push(self, tangents: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         count, every = tangents.shape[1], self.plain.plan.per_sample
+        whole = max(-(-count // COLUMNS), 1) * COLUMNS
         while True:
-            along, given = np.zeros((self.length, COLUMNS)), np.zeros((len(self.tape.numbers), COLUMNS))
-            along[:, :count], given[: len(directions), :count] = tangents, directions
-            out = np.zeros((self.compiled.samples, len(self.compiled.channels), COLUMNS))
+            along, given = np.zeros((self.length, whole)), np.zeros((self.first, whole))
+            along[:, :count], given[:, :count] = tangents, directions
+            out = np.zeros((self.compiled.samples, len(self.compiled.channels), whole))
+            room = np.empty((len(self.tape.numbers), COLUMNS))
             for n, (first, steps) in enumerate(self.segments):
                 part = out[first // every : (first + steps) // every + 1]
-                if not self._fits(push_forward(*self._arguments(n, self._kept(n)), given, along, part)):
+                if not self._fits(push_forward(*self._arguments(n, self._kept(n)), given, along, room, part)):
                     break
             else:
                 return out[..., :count], along[:, :count]
@@ -200,7 +195,7 @@ class Adjoint:
 
     @property
     def entries(self) -> int:
-        """How many rows the directions of `push` have: one for constants, and one for each input but the state."""
+        """How many rows the directions of `push` have: two of no input, and one for each input but the state."""
         return self.first
 
     def values(self, slot: Slot, run: Any = None) -> np.ndarray:

@@ -90,31 +90,37 @@ def _pull_back(run, y, plain, noted, seeds, adjoint):
 
 
 @entry
-def push_forward(run, y, plain, noted, directions, tangents, out):
-    """Take tangents (length, COLUMNS) from the start of a run to its end.
+def push_forward(run, y, plain, noted, directions, tangents, room, out):
+    """Take tangents (length, count) from the start of a run to its end; count: a multiple of COLUMNS.
 
-    directions (entries, COLUMNS): those of the inputs in its first rows; out (records, channels, COLUMNS): tangents of
-    what is recorded.  The others and the returned number are those of `pull_back`.
+    directions (inputs, count): those of the other inputs, a row for each entry before that of the state; room (entries,
+    COLUMNS): scratch; out (records, channels, count): tangents of what is recorded.  The others and the returned number
+    are those of `pull_back`.
     """
-    return _push_forward(on_tape(run), as_taped(y), plain, noted, directions, tangents, out)
+    return _push_forward(on_tape(run), as_taped(y), plain, noted, directions, tangents, room, out)
 
 
 @kernel
-def _push_forward(run, y, plain, noted, directions, tangents, out):
-    plan, most = run.plan, 0
+def _push_forward(run, y, plain, noted, directions, tangents, room, out):
+    plan, first = run.plan, noted.first
+    most = first
     for k in range(plan.steps + 1):
         note(run, y, plain, noted, k)
-        for i in range(len(y)):
-            for c in range(COLUMNS):
-                directions[noted.first + i, c] = tangents[i, c]
-        _push_on(plain, noted, noted.first + len(y), directions)
         most = max(most, used(noted.words))
-        for i in range(len(y)):
+        for column in range(0, tangents.shape[1], COLUMNS):
             for c in range(COLUMNS):
-                tangents[i, c] = directions[place_of(entry_of(y[i])), c]
+                for i in range(first):
+                    room[i, c] = directions[i, column + c]
+                for i in range(len(y)):
+                    room[first + i, c] = tangents[i, column + c]
+            _push_on(plain, noted, first + len(y), room)
+            for i in range(len(y)):
+                at = place_of(entry_of(y[i]))
+                for c in range(COLUMNS):
+                    tangents[i, column + c] = room[at, c]
         if k % plan.per_sample == 0:
             for j in range(len(run.channels)):
-                for c in range(COLUMNS):
+                for c in range(tangents.shape[1]):
                     out[k // plan.per_sample, j, c] = tangents[run.channels[j], c]
     return most
 
