@@ -508,8 +508,7 @@ def _exact(system: _System, chart: AnyChart, outputs: tuple[str, ...], period: f
         start = start._replace(reference=None)
     value, error, end = tangent_columns(system.compiled, start, chart, signals)
     _, first = _named(system.scene, chart, tuple(system.signals))
-    least = SMALL * (np.abs(value) * first).max(axis=1, initial=0.0)[:, None] / first
-    which = _suspects(system, chart, first, value, least)
+    which, least = _suspects(system, chart, first, value)
     found, jumps = None, np.zeros((len(value), 0), bool)
     for k in range(ROUNDS if len(which) else 0):
         new = _columns(system, chart, which, first[which] / FINER**k)[0]
@@ -523,9 +522,12 @@ def _exact(system: _System, chart: AnyChart, outputs: tuple[str, ...], period: f
 
 
 def _suspects(
-    system: _System, chart: AnyChart, widths: np.ndarray, value: np.ndarray, least: np.ndarray
-) -> np.ndarray:
-    """Return the columns in which a step to one side may differ from that to the other by more than it curves."""
+    system: _System, chart: AnyChart, widths: np.ndarray, value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the columns in which a step to one side may differ from that to the other by more than it curves.
+
+    Also derivatives (rows, columns) below which they do not count.
+    """
     count, read = len(widths), system.compiled.channels
     states, moves = system.beginnings(2 * count + 1)
     steps = np.concatenate([widths, -widths])
@@ -535,8 +537,10 @@ def _suspects(
     F, end = states.swapaxes(0, 1), states[block, :, lane].copy()
     moved = np.concatenate([chart.difference(F, end), F[read] - beside(end[read], F)]).reshape(len(value), -1)
     sides = moved[:, : 2 * count].reshape(-1, 2, count) / steps.reshape(2, count)
+    least = SMALL * (np.abs(sides.mean(axis=1)) * widths).max(axis=1, initial=0.0)[:, None] / widths
     size = np.maximum(np.abs(value), least)
-    return np.flatnonzero((np.abs(sides - value[:, None]) > JUMP * size[:, None]).any(axis=(0, 1)))
+    which = np.flatnonzero((np.abs(sides - value[:, None]) > JUMP * size[:, None]).any(axis=(0, 1)))
+    return which, least
 
 
 def _model(
