@@ -112,8 +112,8 @@ class Tendon:
 
     The length is the sum of joint positions times coefficients (a fixed tendon), of the distances of points that
     follow each other (a spatial one), or of both: a joint with the coefficient r is a drum of the radius r that winds
-    up what the path leaves, and a servo on that joint pulls it.  A force f along it, positive where it lengthens, turns each
-    joint with the torque coefficient * f, and pulls the points apart.
+    up what the path leaves, and a servo on that joint pulls it.  A force f along it, positive where it lengthens, turns
+    each joint with the torque coefficient * f, and pulls the points apart.
 
     Attributes
     ----------
@@ -196,7 +196,8 @@ class Tendon:
     def _flaws(self, what: str) -> Iterator[str]:
         yield from name_flaws("tendon", self.name)
         if not (self.joints or self.path):
-            yield f"{what}: has neither joints nor a path; give one of them, joints=[('elbow', 0.02)] or path=[Via(...)]"
+            remedy = "give one of them, joints=[('elbow', 0.02)] or path=[Via(...)]"
+            yield f"{what}: has neither joints nor a path; {remedy}"
         yield from self._joint_flaws(what)
         if self.path and not all(isinstance(one, Via | Wrap) for one in self.path):
             yield f"{what}: path is {shown(self.path)}; expected points: give a list of Via"

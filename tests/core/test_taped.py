@@ -93,8 +93,8 @@ def test_adjoints_and_tangents_of_each_operation_are_its_derivatives(x, y):
     plain, found = np.zeros(len(J)), np.zeros(len(J))
     values(np.array([x]), np.array([y]), TABLE, plain)
     for i in range(len(J)):
-        tape, memory = taped(x, y)
-        derivatives(memory, TABLE, tape.numbers, tape.links, tape.words, np.eye(len(J))[i], np.zeros((len(J), 2)), found)
+        (tape, memory), seeds, out = taped(x, y), np.eye(len(J))[i], np.zeros((len(J), 2))
+        derivatives(memory, TABLE, tape.numbers, tape.links, tape.words, seeds, out, found)
         assert np.array_equal(found, plain)  # to the bit
         assert tape.numbers[2:4, ADJOINT] == pytest.approx(J[i], rel=4e-16, abs=1e-16)
     tape, memory = taped(x, y)
