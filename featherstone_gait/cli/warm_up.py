@@ -45,7 +45,7 @@ def run(args: Namespace) -> int:
     if args.out is None and not CACHE_FOLDER:
         raise ValueError("there is no folder for a cache that can be written: name one by --out")
     folder = args.out or Path(CACHE_FOLDER) / "kernels"
-    own = {str(path): _program(path) for path in args.programs}
+    own = {str(path): _code(path) if path.suffix == ".md" else path for path in args.programs}
     programs = own if args.only else PROGRAMS | {"featherstone-gait optimize": COMMAND.format(repr(OPTIMIZE))} | own
     announce(args, f"{len(programs)} programs, up to a minute each; Ctrl-C keeps what is done")
     failed = 0
@@ -62,7 +62,6 @@ def run(args: Namespace) -> int:
     return 1 if failed else 0
 
 
-def _program(path: Path) -> str:
-    """Return the Python of a file."""
-    text = path.read_text("utf-8")
-    return "\n".join(CODE.findall(text)) if path.suffix == ".md" else text
+def _code(page: Path) -> str:
+    """Return the Python of a page, one program."""
+    return "\n".join(CODE.findall(page.read_text("utf-8")))

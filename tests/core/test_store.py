@@ -138,7 +138,8 @@ def test_an_entry_that_compiled_code_calls_is_compiled_for_it(store):
 def test_the_command_goes_on_from_what_is_there_and_says_what_fails(store, tmp_path, capsys):
     folder = store[0]
     (tmp_path / "page.md").write_text(f"# A page\n\n```python\n{ONE}\n```\n", "utf-8")
-    (tmp_path / "wrong.py").write_text("raise ValueError('of this program')", "utf-8")
+    (tmp_path / "beside.py").write_text("", "utf-8")
+    (tmp_path / "wrong.py").write_text("import beside\nraise ValueError('of this program')", "utf-8")
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.o")}
     programs = [str(tmp_path / name) for name in ("wrong.py", "page.md")]
     assert cli.main(["warm-up", *programs, "--only", "--all-levels", "--out", str(folder)]) == 1

@@ -41,20 +41,22 @@ HAS_ADDRESS = re.compile(rf"{ADDRESS}|inttoptr \(i64 -?\d{{6,}} to")
 _log = logging.getLogger(__name__)
 
 
-def record(program: str, folder: Path, levels, where=None) -> None:
+def record(program: str | Path, folder: Path, levels) -> None:
     """Run a program of Python and keep its kernels in the store `folder`; raise RuntimeError if it fails.
 
-    where: the folder in which it runs; None: one of its own.
+    program: its text, which runs in a folder of its own, or its file, which runs in the current folder.
     """
     with tempfile.TemporaryDirectory() as room:
-        path = Path(room) / "program.py"
-        path.write_text(program, "utf-8")
+        path, where = program, None
+        if isinstance(program, str):
+            path, where = Path(room) / "program.py", room
+            path.write_text(program, "utf-8")
         environment = os.environ | {
             RECORD: f"{','.join(levels)}={folder.absolute()}",
             "NUMBA_CACHE_DIR": room,  # where nothing is found that would not be compiled
             "PYTHONPATH": os.pathsep.join(sys.path),
         }
-        run = subprocess.run([sys.executable, path], env=environment, cwd=where or room, capture_output=True, text=True)
+        run = subprocess.run([sys.executable, path], env=environment, cwd=where, capture_output=True, text=True)
     if run.returncode:
         raise RuntimeError(run.stderr.strip().rpartition("\n")[2])
 
