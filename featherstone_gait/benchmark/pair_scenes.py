@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ..envs.kick import kick_scene
 from ..geometry.body import body
 from ..geometry.distance import shape_table
 from ..model import Ground
@@ -187,6 +186,8 @@ def piles() -> Iterator[Case]:
 
 def robots() -> Iterator[Case]:
     """Yield arms that strike, push and meet themselves, and humanoids that kick and fall."""
+    from ..envs.kick import kick_scene  # needs Gymnasium
+
     hanging = load_robot("humanoid", base="fixed", locked="simplified")
     foot = [link.name for link in hanging.links].index("right_foot")
     x, y, z = link_poses(hanging, np.zeros(hanging.nq)).position[foot]
