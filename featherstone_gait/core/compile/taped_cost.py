@@ -165,8 +165,8 @@ for _function, _kind in (
 
 
 @entry
-def _sweep(numbers, links, words, first):
-    sweep(numbers, links, words, first)
+def _sweep(numbers, links, end):
+    sweep(numbers, links, 2, end)
 
 
 class TapedFunction:
@@ -207,7 +207,7 @@ class TapedFunction:
             self.entries *= 4
         if last:
             tape.numbers[last, ADJOINT] = 1.0
-            _sweep(tape.numbers, tape.links, tape.words, 1)
+            _sweep(tape.numbers, tape.links, tape.first)
         found, firsts = [], iter(firsts)
         for array, taped in zip(arrays, self.taped):
             first = next(firsts) if taped else 0
