@@ -324,7 +324,7 @@ def _called_by_compiled(dispatcher, template, args, kws):
     """Return how compiled code calls an entry, which is compiled for that: code of a store is for Python alone."""
     for kinds, made in [*dispatcher.overloads.items()]:
         if isinstance(made, Stored):
-            del dispatcher.overloads[kinds]
+            _dropped.append(dispatcher.overloads.pop(kinds))  # which the dispatcher calls on, and does not own
     _for_code.append(dispatcher)
     try:
         return template(args, kws)
@@ -333,6 +333,7 @@ def _called_by_compiled(dispatcher, template, args, kws):
 
 
 _for_code: list = []  # entries that compiled code is about to call
+_dropped: list = []
 
 
 @contextmanager

@@ -20,7 +20,8 @@ import llvmlite.binding as llvm
 import numba
 from numba.core.codegen import JITCPUCodegen
 
-from . import compiler, jit
+from . import compiler
+from .lock import lock
 from .store import CALL, ENVIRONMENT, RECORD, RUN, Level, Stores, digest, key, purpose
 
 ADDRESS = "numba.dynamic.globals"  # begins the names of variables that hold an address of this process
@@ -151,7 +152,9 @@ class _Writer:
         self._write(name, code, {"entry": what, "sha256": hashlib.sha256(code).hexdigest()}, needs)
 
     def _write(self, name, code, entry, needs):
-        with jit.one_process_at_a_time(self.folder):
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with open(self.folder / "saving.lock", "ab") as file:
+            lock(file, wait=True)
             _replace(self.folder / f"{name}.o", code)
             before = Level(self.folder)
             content = {
