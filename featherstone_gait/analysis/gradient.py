@@ -10,31 +10,35 @@ all contacts, clips and choices as they were: see `Gradient.check` for what that
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import floats, functions, instance, listed, shown, texts, whole
+from ..base.arguments import floats, functions, instance, listed, real, shown, texts, truth, whole
 from ..base.brief import brief
 from ..run.adjoint import Adjoint
 from ..run.classify import to_trajectory
 from ..run.compiled_run import CompiledRun
 from ..run.prepare import prepare
 from ..run.reference import Reference
+from ..run.simulate import simulate
 from ..run.start import check_scene
 from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..run.worlds import Worlds
 from ..scene.compile import CompiledScene
 from ..scene.external import Push
+from .gradient_check import Given, GradientCheck, How, compare, values_of
 from .run_cost import Cost, check_derivatives, record_of, seeds_of
+from .run_events import Event, channels_of, events_in
 from .run_inputs import (
     CENTRAL,
     WIDTH,
@@ -49,24 +53,6 @@ from .run_inputs import (
     slope,
     table_of,
 )
-
-
-class Given(NamedTuple):
-    """What one run is given, as `simulate` is."""
-
-    scene: CompiledScene
-    state: Any = None
-    reference: Reference | None = None
-    tau: Any = None
-
-
-class How(NamedTuple):
-    """What all runs have in common."""
-
-    duration: float
-    pushes: Sequence[Push]
-    record: Any
-    record_interval: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +72,7 @@ class Gradient(Mapping[str, np.ndarray]):
     value: float
     derivatives: dict[str, np.ndarray]
     trajectory: Trajectory
+    _source: Any = field(default=None, repr=False)
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.derivatives[name]
@@ -103,6 +90,53 @@ class Gradient(Mapping[str, np.ndarray]):
     def status(self) -> Status:
         """How the run ended, as `Trajectory.status`."""
         return self.trajectory.status
+
+    @functools.cached_property
+    def events(self) -> tuple[Event, ...]:
+        """Changes of branches in the run: contacts made and broken, slipping and sticking, limits and stops.
+
+        They are found when they are first asked for, by one more run that records every step.
+        """
+        given, how, _ = self._source
+        scene = given.scene
+        run = simulate(
+            scene, how.duration, given.state, given.reference, given.tau, how.pushes, channels_of(scene),
+            scene.timestep, estimate_error=False,
+        )  # fmt: skip
+        return events_in(scene, run)
+
+    def check(self, width: float = 1e-3, tolerance: float = 0.1, each: bool = False) -> GradientCheck:
+        """Compare the gradient with differences of whole runs, and say which derivatives are doubtful.
+
+        First two runs, a step along the gradient and one back: where their difference agrees, so does the gradient at
+        this width, and nothing is doubtful.  Else each parameter is moved to both sides, eight runs to a vector.
+
+        Parameters
+        ----------
+        width
+            By how much parameters move: physical numbers by this share of theirs, states, references and torques by so
+            many of their units [rad, m, N m].  Take the step that an optimizer makes.
+        tolerance
+            Relative difference from which a derivative is doubtful.
+        each
+            Move each parameter in any case.
+
+        Returns
+        -------
+        GradientCheck
+
+        Raises
+        ------
+        ValueError
+            For widths and tolerances out of range, and of a run that ended before its time.
+        """
+        width = real("width", width, 1e-12, 1e6, "1e-3 is a milliradian, or a thousandth of a number")
+        tolerance = real("tolerance", tolerance, 0.0, 1.0, "0.1 is a tenth")
+        truth("each", each)
+        if self.trajectory.failed:
+            raise ValueError(f"{self.trajectory.message}: there is no gradient to check")
+        given, how, cost = self._source
+        return compare(given, self.derivatives, functools.partial(values_of, cost, how), width, tolerance, each)
 
 
 def gradient(
@@ -166,7 +200,7 @@ def gradient(
 
 
 def gradient_batch(
-    scene: CompiledScene,
+    scene: CompiledScene | Sequence[CompiledScene],
     duration: float,
     cost: Cost,
     parameters: Sequence[str],
@@ -184,7 +218,9 @@ def gradient_batch(
 
     Parameters
     ----------
-    scene, duration, cost, parameters, pushes, record, record_interval
+    scene
+        One for all runs, or a list with one for each.
+    duration, cost, parameters, pushes, record, record_interval
         As in `gradient`.
     states, references, taus
         Lists of equal length with an entry for each run, or None.
@@ -202,17 +238,25 @@ def gradient_batch(
     ValueError
         As `gradient`, and for lists that differ in length.
     """
-    check_scene(scene)
     functions(cost=cost)
     names = texts("parameters", parameters)
-    check_names(scene, names)
-    scenes = [scene] if worlds is None else worlds.scenes(scene)
+    several = not isinstance(scene, CompiledScene)
+    remedy = "give what compile_scene returns, or a list of these"
+    scenes: list[Any] = listed("scene", scene, remedy) if several else [scene]
+    for one in scenes:
+        check_scene(one)
+        check_names(one, names)
+    if worlds is not None:
+        instance("worlds", worlds, Worlds, "give Worlds(...)")
+        if several:
+            raise ValueError(f"worlds are given, and {len(scenes)} scenes; give one scene with worlds")
+        scenes = worlds.scenes(scenes[0])
     each = {"states": states, "references": references, "taus": taus}
     lists: dict[str, list[Any]] = {
         name: listed(name, given, "give a list, an entry a run") for name, given in each.items() if given is not None
     }
-    count = max([len(given) for given in lists.values()], default=len(scenes) if worlds is not None else 1)
-    lists["scenes"] = scenes if worlds is not None else scenes * count
+    count = max([len(given) for given in lists.values()], default=len(scenes))
+    lists["scenes"] = scenes if several or worlds is not None else scenes * count
     if any(len(given) != count for given in lists.values()):
         found = ", ".join(f"{name} {len(given)}" for name, given in lists.items())
         raise ValueError(f"gradient_batch: the lists have {found} entries; give as many of each, one a run")
@@ -239,7 +283,8 @@ def _differentiate(given: Given, how: How, cost: Cost, names: Sequence[str]) -> 
     out = adjoint.run()
     trajectory = to_trajectory(run, adjoint.final, out, run.schedule(start.y))
     if trajectory.failed:
-        return Gradient(math.inf, {name: np.full(shape, math.nan) for name, shape in shapes.items()}, trajectory)
+        nothing = {name: np.full(shape, math.nan) for name, shape in shapes.items()}
+        return Gradient(math.inf, nothing, trajectory, (given, how, cost))
     if cost not in _checked:
         check_derivatives(cost, trajectory.channels)
         _checked.add(cost)
@@ -248,7 +293,7 @@ def _differentiate(given: Given, how: How, cost: Cost, names: Sequence[str]) -> 
     if reference is None:
         pulled.hold()
     found = {name: pulled.by(name, reference, tau, given.state is not None) for name in names}
-    return Gradient(value, found, trajectory)
+    return Gradient(value, found, trajectory, (given, how, cost))
 
 
 _checked: weakref.WeakSet[Cost] = weakref.WeakSet()

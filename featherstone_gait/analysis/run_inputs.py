@@ -46,7 +46,7 @@ def check_names(scene: CompiledScene, names: Sequence[str]) -> None:
     """Raise ValueError for names that are no parameters of runs of the scene."""
     for name in names:
         first, _, rest = name.partition(".")
-        if name in ("state", "reference", "tau", "gravity") or (first in FIELDS and rest):
+        if name in ("state", "reference", "tau", "gravity") or rest.rpartition(".")[2] in FIELDS.get(first, ()):
             continue
         known = [channel.name for channel in IN_STATE if channel.kind in ("coordinates", "controlled", "held")]
         if first == "state" and current_name(rest) in known and np.ptp(scene.part(current_name(rest))):
@@ -99,6 +99,7 @@ class Table(NamedTuple):
     columns: list[dict[Key, np.ndarray]]  # of each entry, by those constants that depend on it
     states: np.ndarray  # (entries, length) of the initial state
     others: list[CompiledScene]  # whose constants differ from the scene's in all that depends on the number
+    at_limit: np.ndarray  # whether an entry is zero and may not be negative, in its shape
 
 
 _tables: weakref.WeakKeyDictionary[CompiledScene, dict[str, Table]] = weakref.WeakKeyDictionary()
@@ -135,7 +136,8 @@ def _table(scene: CompiledScene, name: str) -> Table:
             others.append(four[0])
             known.update(changed)
         states[k] = slope([initial_state(one) for one in four], start, width, rule)
-    return Table(numbers.shape, columns, states, others)
+    at_limit = np.array([rule is ONE_SIDED for rule in rules], dtype=bool).reshape(numbers.shape)
+    return Table(numbers.shape, columns, states, others, at_limit)
 
 
 def moved(x: np.ndarray, k: int, change: float) -> np.ndarray:

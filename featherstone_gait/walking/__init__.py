@@ -4,6 +4,7 @@ from ..base.deprecated import renamed
 from .cheapest_plan import cheapest_plan, first_gait
 from .constraints import ConstrainedCost, ConstraintReport, Constraints
 from .cost import Measures, WalkingCost, cost_of_motion
+from .cost_gradient import cost_and_gradient
 from .disturbed import LongWalk, pushes_survived, rough_field, walk_far
 from .feedback import BalancedWalk, Feedback, Imu, add_feedback, balanced, generic_feedback, read_walk
 from .four_legs import Pattern, four_legged_stride, mirror_by_place
@@ -19,10 +20,10 @@ from .zero_moment_point import multibody_zmp
 __all__ = [
     "BIOLOID_WALK", "BalancedWalk", "ConstrainedCost", "ConstraintReport", "Constraints", "Feedback", "Gait", "Imu",
     "LongWalk", "Measures", "Motion", "Pattern", "Plan", "WalkSettings", "WalkingCost", "add_feedback", "balanced",
-    "bounds", "cheapest_plan", "cost_of_motion", "first_gait", "fit_gait", "four_legged_stride", "generic_feedback",
-    "mirror_by_place", "mirror_of", "motion_of", "multibody_zmp", "plan_com", "preview_controller", "pushes_survived",
-    "read_angles", "read_motion", "read_walk", "references", "rough_field", "servo_of", "solve_leg", "walk_far",
-    "walking_plan", "with_generic_servos", "write_angles", "write_goal_positions",
+    "bounds", "cheapest_plan", "cost_and_gradient", "cost_of_motion", "first_gait", "fit_gait", "four_legged_stride",
+    "generic_feedback", "mirror_by_place", "mirror_of", "motion_of", "multibody_zmp", "plan_com", "preview_controller",
+    "pushes_survived", "read_angles", "read_motion", "read_walk", "references", "rough_field", "servo_of", "solve_leg",
+    "walk_far", "walking_plan", "with_generic_servos", "write_angles", "write_goal_positions",
 ]  # fmt: skip
 
 __getattr__ = renamed(__name__, {"Walk": "featherstone_gait.walking.plan:WalkSettings"})

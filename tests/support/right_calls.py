@@ -452,6 +452,8 @@ def _gaits() -> Iterator[Call]:
     yield Call(
         "WalkingCost", lambda **how: walking.WalkingCost(**how).reference(gait.to_vector(), 1), _all_fields(cost)
     )
+    slope = {"cost": cost, "x": gait.to_vector(), "threads": 1}
+    yield Call("cost_and_gradient", walking.cost_and_gradient, slope, True)
     yield Call("ConstrainedCost", walking.ConstrainedCost, {"walking": cost, "constraints": walking.Constraints()})
     table: dict[str, Any] = {"path": "angles.csv", "times": times, "angles": angles, "joint_names": names}
     walking.write_angles(**table)
