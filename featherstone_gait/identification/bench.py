@@ -16,7 +16,7 @@ published values of similar servos, with a width like the differences between th
 much as 1 / `PRIOR`^2 independent samples, however well the model fits.  The supply is the one that the servo measures
 at rest: under load its column aliases the switching of the bridge.
 
-The search runs in rounds, each of which restarts the method at the last result.  A `FitLog` stores them, and an
+The search (`gauss_newton.py`) runs in rounds, each with a Jacobian of its own.  A `FitLog` stores them, and an
 interrupted fit resumes with the next round, to the same bits.
 
 Intervals are those of `identification.fit`, with the prior, and hold for a model with the servo's physics; the error on
@@ -26,28 +26,34 @@ recordings that were not fitted (`leave_out`) shows how good the model is.
 from __future__ import annotations
 
 import math
+import os
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ..base.arguments import instance, one_of, real
 from ..base.arguments import path as path_of
 from ..base.brief import brief, in_full
 from ..base.files import FilePath, Format, read_csv
 from ..base.progress import progress_bar
+from ..core.compile.lanes import WIDTH
+from ..core.step.signals import Signals
 from ..model import Controller, Gearbox, Joint, Link, Model, Servo
+from ..run.batch import family, over_threads
+from ..run.compiled_run import CompiledRun, RunInput, Vector, lane_zeros
+from ..run.lane_engine import sampled
+from ..run.prepare import each_once, prepare
 from ..run.reference import Reference
-from ..run.simulate import initial_state, simulate_batch
-from ..run.trajectory import Trajectory
+from ..run.simulate import initial_state
 from ..run.worlds import FIELDS, Worlds, servo_with
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
-from .estimate import Blocks, Errors, Fit, covariances, plot_rollouts, quantile
+from .estimate import Blocks, Errors, Fit, information, plot_rollouts, quantile
+from .gauss_newton import DAMPING, advance
 from .log import FitLog, FitRound
 from .recording import EARLY, check_recordings, read_columns
 
@@ -64,10 +70,10 @@ STEP = 2e-3
 SOFT = 0.02  # [rad], above which an error counts by its size
 PRIOR = 0.04  # of the residuals' root mean square, that a parameter off by its width counts
 OPEN = 1e-9  # current limit of a bridge that has let go [A]
-SLOPE_STEP = 1e-3  # of the widths, of forward differences
-ALIKE = 0.05  # change of the residuals' scale in a round, below which the prior needs no other
-ROUND = 6  # evaluations of a round
-MOST_ROUNDS = 6
+SLOPE_STEP = 1e-6  # of the widths, of forward differences: they agree with tangents to 1e-6
+COUNTED_STEP = 1e-3  # the same where the servo counts, and angles jump
+COUNTS = ("encoder_resolution", "pwm_steps")
+MOST_ROUNDS = 30
 CONFIDENCE = 0.95  # of the intervals
 RESTING = 30.0  # duty in units of the servo, below which it measures its supply at rest
 
@@ -393,8 +399,8 @@ def fit_servo(
         row = _searched(work, key, log)
         x = np.array(row["x"])
         J, e = work.slopes(x), work.errors(x)
-    _, robust, independent = covariances(J, e, [len(r.time) for r in recordings])
-    known = np.linalg.inv(np.linalg.pinv(robust, hermitian=True) + np.eye(len(x)))  # with a prior of width one
+    found, independent = information(J, e, [len(r.time) for r in recordings])
+    known = np.linalg.inv(found + np.eye(len(x)))  # with a prior of width one
     spread = np.sqrt(np.diag(known))
     reach = spread * quantile(CONFIDENCE, independent - len(x)) * work.width
     values = work.values(x)
@@ -421,19 +427,14 @@ def _searched(work: _Residuals, key: str, log: FitLog | None) -> FitRound:
     """Do the rounds of the search that are missing; return the last."""
     row = None if log is None else log.last(key)
     if row is None:
-        row = FitRound(round=0, x=(work.start / work.width).tolist(), seconds=0.0, message="")
+        row = FitRound(round=0, x=(work.start / work.width).tolist(), damping=DAMPING, seconds=0.0, message="")
+    prior = work.start / work.width, PRIOR
     while not row["message"]:
-        begun, x = time.perf_counter(), np.array(row["x"])
-        work.scale = work.spread(x)
-        found = least_squares(
-            work.residuals, x, work.jacobian, work.bounds, max_nfev=ROUND, x_scale=1.0, xtol=1e-5, ftol=1e-4
-        )
-        k, better = row["round"] + 1, abs(work.spread(found.x) / work.scale - 1.0)
-        message = "" if k < MOST_ROUNDS else f"stopped after round {k}"
-        if found.status > 0 and better < ALIKE:
-            message = f"converged in round {k}"
+        begun, k = time.perf_counter(), row["round"] + 1
+        x, damping, done = advance(work.errors, work.slopes, prior, work.bounds, np.array(row["x"]), row["damping"])
+        message = f"converged in round {k}" if done else f"stopped after round {k}" if k == MOST_ROUNDS else ""
         seconds = row["seconds"] + time.perf_counter() - begun
-        row = FitRound(round=k, x=found.x.tolist(), seconds=seconds, message=message)
+        row = FitRound(round=k, x=x.tolist(), damping=damping, seconds=seconds, message=message)
         if log is not None:
             log.append(key, row)
     return row
@@ -573,52 +574,101 @@ class _Rollouts:
 
     def __init__(self, bench: Bench, recordings: Sequence[BenchRecording]) -> None:
         self.bench, self.recordings, self.count = bench, list(recordings), 0
+        self.steps = max(map(_steps, self.recordings))
+        self.held = [_held(r, self.steps) for r in self.recordings]
+        self.scene: CompiledScene | None = None  # of the first call
 
     def __call__(self, sets: Sequence[dict[str, float]]) -> list[list[np.ndarray]]:
         """Return the angles of each recording at its times [rad], for each set of values."""
-        pairs = [(values, r) for values in sets for r in self.recordings]
-        self.count, lead = self.count + len(pairs), self.bench.goal_lead + EARLY
-        worlds = [_numbers_of(self.bench, r, values) for values, r in pairs]
+        n = len(self.recordings)
+        pairs = [(values, k) for values in sets for k in range(n)]
+        self.count += len(pairs)
+        worlds = [_numbers_of(self.bench, self.recordings[k], values) for values, k in pairs]
         servos, *others = worlds[0]  # one more world, so that in every batch the same numbers differ: for one kernel
         worlds.append(_World({k: 1.01 * x + 1e-6 for k, x in servos.items()}, *(1.01 * x + 1e-6 for x in others)))
-        scene = _scene(self.bench, worlds[0])
-        scenes, released = _scenes(scene, worlds, math.inf), None
-        alike: dict[tuple[int, int], list[int]] = {}
-        for k, (_, r) in enumerate(pairs):
-            alike.setdefault(_steps(r), []).append(k)
+        self.scene = self.scene or _scene(self.bench, worlds[0])
+        scenes = _scenes(self.scene, worlds)
+        runs = each_once(lambda scene: prepare(scene, self.steps * STEP, ("q",), STEP), scenes)
+        begun: dict[tuple[int, float], tuple[RunInput, np.ndarray]] = {}
+        for values, k in pairs:
+            if (k, values["zero"]) not in begun:
+                begun[k, values["zero"]] = self._begin(runs[k], self.recordings[k], values["zero"])
+        alike: dict[Hashable, list[int]] = {}  # several where a value at its bound leaves a part of the servo out
+        for i, key in enumerate(each_once(family, runs)):
+            alike.setdefault(key, []).append(i)
+        parts: list[tuple[CompiledRun, list[int]]] = []
+        for members in alike.values():
+            own = list({id(runs[i]): runs[i] for i in members}.values())
+            lanes = own[0].among([*own, _released(own[0])])
+            order = sorted(set(members) - {len(pairs)}, key=lambda i: self.held[pairs[i][1]])  # those released together
+            parts.extend((lanes, order[i : i + WIDTH]) for i in range(0, len(order), WIDTH))
+
+        def advance(job: tuple[CompiledRun, list[int]]) -> np.ndarray:
+            lanes, part = job
+            found = [begun[k, values["zero"]] for values, k in (pairs[i] for i in part)]
+            starts = [start._replace(compiled=runs[i]) for i, (start, _) in zip(part, found)]
+            held = [self.held[pairs[i][1]] for i in part]
+            return self._advance(lanes, starts, [ticks for _, ticks in found], held)
+
         angles: list[np.ndarray] = [np.empty(0)] * len(pairs)
-        for (held, free), members in alike.items():
-            chosen = [pairs[k] for k in members]
-            starts = [initial_state(scene, [r.angle[0] - values["zero"]]) for values, r in chosen]
-            goals = [
-                Reference(r.time - r.time[0] - lead, r.goal[:, None] - values["zero"], "hold") for values, r in chosen
-            ]
-            runs = [_run(scenes, members, held, starts, goals)]
-            if free:
-                released = released or _scenes(scene, worlds, OPEN)
-                runs.append(_run(released, members, free, runs[0], goals))
-            for k, (values, r), *parts in zip(members, chosen, *runs):
-                path = np.concatenate([parts[0]["q"][:1, 0], *(part["q"][1:, 0] for part in parts)])
-                time = r.time - values["angle_age"] - r.time[0]
-                angles[k] = np.interp(time, STEP * np.arange(len(path)), path) + values["zero"]
-        n = len(self.recordings)
-        return [angles[k * n : (k + 1) * n] for k in range(len(sets))]
+        for (_, part), paths in zip(parts, over_threads(runs[0], advance, parts, os.cpu_count() or 1)):
+            for i, path in zip(part, paths.T):
+                (values, k), times = pairs[i], STEP * np.arange(len(path))
+                time = self.recordings[k].time - values["angle_age"] - self.recordings[k].time[0]
+                angles[i] = np.interp(time, times, path) + values["zero"]
+        return [angles[k : k + n] for k in range(0, len(angles), n)]
+
+    def _begin(self, run: CompiledRun, r: BenchRecording, zero: float) -> tuple[RunInput, np.ndarray]:
+        """Return what a recording starts from, and what its controller sees at each tick (ticks, 1, 2)."""
+        times = r.time - r.time[0] - self.bench.goal_lead - EARLY
+        goal = Reference(times, r.goal[:, None] - zero, "hold")
+        start = run.start(initial_state(run.scene, [r.angle[0] - zero]), goal)
+        return start, sampled(start, run.schedule(start.y), 0, self.steps)
+
+    def _advance(
+        self, lanes: CompiledRun, starts: list[RunInput], ticks: list[np.ndarray], held: list[int]
+    ) -> np.ndarray:
+        """Simulate up to eight runs, whose bridges let go after `held` steps; return their angles (steps + 1, runs)."""
+        idle, count = WIDTH - len(starts), len(starts)
+        signals = Signals(None, lane_zeros((1, 2)), None, None, None, None, None, None)
+        vector = Vector(lanes, signals, out=lane_zeros((self.steps + 1, 1)))
+        for lane, start in enumerate([*starts, *[starts[-1]] * idle]):
+            vector.put(lane, start)
+        seen = lane_zeros((self.steps, 1, 2))
+        seen[...] = np.stack([*ticks, *[ticks[-1]] * idle], axis=-1)
+        limits, at = vector.run.scene.actuator.motor.values["current_limit"], 0
+        for end in sorted({*held, self.steps}):
+            plan = vector.run.plan._replace(steps=end - at)
+            vector.step(vector.out[at : end + 1], plan=plan, signals=signals._replace(samples=seen[at:end]))
+            limits[:, [lane for lane, last in enumerate(held) if last == end]] = OPEN
+            at = end
+        return vector.out[:, 0, :count]
 
 
-def _steps(r: BenchRecording) -> tuple[int, int]:
-    """Return the steps of a recording until the servo switches off, and from then on."""
-    length = math.ceil((r.time[-1] - r.time[0]) / STEP) + 40  # beyond the end: the angle's age may be negative
-    held = length if r.release == math.inf else round((r.release - r.time[0]) / STEP)
-    return held, length - held
+def _steps(r: BenchRecording) -> int:
+    """Return the steps of a recording, some more than it lasts: the angle's age may be negative."""
+    return math.ceil((r.time[-1] - r.time[0]) / STEP) + 40
 
 
-def _scenes(scene: CompiledScene, worlds: list[_World], limit: float) -> list[CompiledScene]:
+def _held(r: BenchRecording, steps: int) -> int:
+    """Return the steps of a recording until the servo switches off, all if it never does."""
+    return steps if r.release == math.inf else round((r.release - r.time[0]) / STEP)
+
+
+def _released(run: CompiledRun) -> CompiledRun:
+    """Return the run with a bridge that has let go."""
+    constants = run.scene.constants
+    motor = constants.actuator.motor.copy()
+    motor["current_limit"] = OPEN
+    constants = constants._replace(actuator=constants.actuator._replace(motor=motor))
+    return replace(run, scene=replace(run.scene, constants=constants))
+
+
+def _scenes(scene: CompiledScene, worlds: list[_World]) -> list[CompiledScene]:
     """Return the scene of each world; equal worlds, such as those of one gain, share one."""
     keys = [(*world.servos.values(), *world[1:]) for world in worlds]
     places = {key: k for k, key in enumerate(dict.fromkeys(keys))}
     others = list(dict(zip(keys, worlds)).values())
-    limits = np.full(len(others), limit)
-    limits[-1] = 1.0
     zero, J = np.zeros(len(others)), np.array([world.inertia for world in others])
     links = {
         "rod.mass": np.array([world.mass for world in others]),
@@ -626,23 +676,12 @@ def _scenes(scene: CompiledScene, worlds: list[_World], limit: float) -> list[Co
         "rod.inertia": np.column_stack([J, zero, zero, J, zero, J])[:, None, :],
     }
     servos = {name: np.array([world.servos[name] for world in others]) for name in others[0].servos}
-    made = Worlds(servos=servos | {"current_limit": limits}, links=links).scenes(scene)
+    made = Worlds(servos=servos, links=links).scenes(scene)
     return [made[places[key]] for key in keys]
 
 
-def _run(
-    scenes: list[CompiledScene], members: list[int], steps: int, starts: Sequence, goals: Sequence[Reference]
-) -> list[Trajectory]:
-    """Simulate some of the scenes; the last scene runs along, and its result is dropped."""
-    chosen = [scenes[k] for k in (*members, -1)]
-    states = [getattr(state, "final", state) for state in (*starts, starts[0])]
-    return simulate_batch(
-        chosen, steps * STEP, states, [*goals, goals[0]], record=("q",), record_interval=STEP, estimate_error=False
-    )[:-1]
-
-
 class _Residuals:
-    """Softened errors of all recordings and the prior's, over values in units of their widths."""
+    """Softened errors of all recordings, over values in units of their widths."""
 
     def __init__(
         self,
@@ -654,26 +693,16 @@ class _Residuals:
         self.rollouts, self.names, self.held = rollouts, tuple(parameters), held
         self.start, low, high, self.width = (np.array([each[k] for each in parameters.values()]) for k in range(4))
         self.bounds = low / self.width, high / self.width
-        self.scale = 1.0  # of the residuals, which the prior is measured by
+        self.step = COUNTED_STEP if any(held.get(name, 0.0) for name in COUNTS) else SLOPE_STEP
         self.errors = Errors(self._softened, progress)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         """Return the values at a point, by name."""
         return dict(zip(self.names, (x * self.width).tolist()))
 
-    def residuals(self, x: np.ndarray) -> np.ndarray:
-        return np.concatenate([self.errors(x), PRIOR * self.scale * (x - self.start / self.width)])
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return np.concatenate([self.slopes(x), PRIOR * self.scale * np.eye(len(x))])
-
     def slopes(self, x: np.ndarray) -> np.ndarray:
         """Return the slopes of the softened errors, backward where a forward step would leave the bounds."""
-        return self.errors.slopes(x, np.where(x + SLOPE_STEP > self.bounds[1], -SLOPE_STEP, SLOPE_STEP))
-
-    def spread(self, x: np.ndarray) -> float:
-        """Return the root mean square of the softened errors."""
-        return float(np.linalg.norm(self.errors(x)))
+        return self.errors.slopes(x, np.where(x + self.step > self.bounds[1], -self.step, self.step))
 
     def _softened(self, points: Sequence[np.ndarray]) -> list[Blocks]:
         """Return errors whose squares grow like the absolute error beyond `SOFT`."""

@@ -77,25 +77,47 @@ def covariances(J: np.ndarray, e: np.ndarray, lengths: Sequence[int]) -> tuple[n
     J (errors, parameters); e (errors,), whose parts of these lengths are signals over time.
     """
     # A parameter without effect has no finite variance: a tiny eigenvalue makes it huge instead of failing.
-    scale = np.linalg.norm(J, axis=0)
-    scale[scale == 0.0] = 1.0
-    Z = J / scale
+    Z, scale = _scaled(J)
     bread = np.linalg.pinv(Z.T @ Z + 1e-14 * np.eye(J.shape[1]), hermitian=True)
     degrees = max(len(e) - J.shape[1], 1)
+    meat, independent = _meat(Z, e, lengths)
+    outer = np.outer(scale, scale)
+    textbook = bread * (e @ e) / degrees / outer
+    robust = bread @ meat @ bread * (len(e) / degrees) / outer
+    return textbook, robust, independent
+
+
+def information(J: np.ndarray, e: np.ndarray, lengths: Sequence[int]) -> tuple[np.ndarray, float]:
+    """Return the inverse of the covariance for autocorrelated residuals, and the number of independent samples.
+
+    It is zero in directions about which the errors say nothing, where a covariance would be infinite.
+    """
+    Z, scale = _scaled(J)
+    meat, independent = _meat(Z, e, lengths)
+    H = Z.T @ Z
+    share = max(len(e) - J.shape[1], 1) / len(e)
+    return share * H @ np.linalg.pinv(meat, hermitian=True) @ H * np.outer(scale, scale), independent
+
+
+def _scaled(J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return columns of norm one, and their norms; those of columns of zeros are one."""
+    scale = np.linalg.norm(J, axis=0)
+    scale[scale == 0.0] = 1.0
+    return J / scale, scale
+
+
+def _meat(Z: np.ndarray, e: np.ndarray, lengths: Sequence[int]) -> tuple[np.ndarray, float]:
+    """Return the sum of e_i e_j Z_i'Z_j over neighbors, and the number of independent samples."""
     signals = np.split(e, np.cumsum(lengths)[:-1])
     scores = np.split(Z * e[:, None], np.cumsum(lengths)[:-1])
-    bandwidth = _bandwidth([_autocorrelation([s[:, k] for s in scores], 1) for k in range(J.shape[1])], lengths)
+    bandwidth = _bandwidth([_autocorrelation([s[:, k] for s in scores], 1) for k in range(Z.shape[1])], lengths)
     meat, sum_of_rho = sum(s.T @ s for s in scores), 0.0
     for lag in range(1, bandwidth + 1):
         weight = 1.0 - lag / (bandwidth + 1.0)
         cross = sum(s[lag:].T @ s[:-lag] for s in scores)
         meat = meat + weight * (cross + cross.T)
         sum_of_rho += weight * _autocorrelation(signals, lag)
-    independent = len(e) / max(1.0 + 2.0 * sum_of_rho, 1.0)
-    outer = np.outer(scale, scale)
-    textbook = bread * (e @ e) / degrees / outer
-    robust = bread @ meat @ bread * (len(e) / degrees) / outer
-    return textbook, robust, independent
+    return np.asarray(meat), len(e) / max(1.0 + 2.0 * sum_of_rho, 1.0)
 
 
 def _autocorrelation(signals: Sequence[np.ndarray], lag: int) -> float:

@@ -12,8 +12,10 @@ from typing import TypedDict
 from ..base.arguments import path as path_of
 from ..base.files import FilePath, Format, is_number
 from ..base.line_file import LineFile
+from .gauss_newton import DAMPING
 
-LOG = Format("servo fit log")
+LOG = Format("servo fit log", 3)
+NUMBERS = ("round", "damping", "seconds")
 REMEDY = "delete this line and all below, or the whole file to start again"
 
 
@@ -22,6 +24,7 @@ class FitRound(TypedDict):
 
     round: int
     x: list[float]  # in units of the widths
+    damping: float  # of the next step
     seconds: float  # of all rounds
     message: str  # how it ended; empty: it has not
 
@@ -64,8 +67,9 @@ class FitLog:
         self._rounds[key] = row
 
     def _take(self, content: dict, what: str, _: int) -> None:
+        content = {"damping": DAMPING, **content}  # which logs of format 2 do not have
         key, x = content.pop("fit", None), content.get("x")
         whole = isinstance(key, str) and content.keys() == FitRound.__annotations__.keys()
-        if not whole or not isinstance(x, list) or not all(map(is_number, [*x, content["round"], content["seconds"]])):
+        if not whole or not isinstance(x, list) or not all(map(is_number, [*x, *(content[name] for name in NUMBERS)])):
             raise ValueError(f"{what}: damaged; {REMEDY} (expected fit, {', '.join(FitRound.__annotations__)})")
         self._rounds[key] = FitRound(**content)  # type: ignore[typeddict-item]

@@ -39,7 +39,7 @@ def run_all(starts: list[RunInput], executor: Executor | None) -> list[Result]:
             groups.extend((compiled, [members[k] for k in part]) for part in _groups(compiled.scene, family, refills))
     batches = [(compiled, [starts[i] for i in group]) for compiled, group in groups]
     if executor is None and len(batches) > 1:
-        answers = _over_threads(batches[0][0], _run_group, batches, os.cpu_count() or 1)
+        answers = over_threads(batches[0][0], _run_group, batches, os.cpu_count() or 1)
     else:
         answers = list((executor.map if executor else map)(_run_group, batches))
     for (_, group), done in zip(groups, answers):
@@ -99,12 +99,12 @@ def drive_lanes(
             source.close()  # or the other threads would go on
             raise
 
-    counts = [work()] if threads == 1 else _over_threads(compiled, work, range(threads), threads)
+    counts = [work()] if threads == 1 else over_threads(compiled, work, range(threads), threads)
     used, there = np.sum(counts, axis=0)
     return float(used / max(there, 1))
 
 
-def _over_threads(compiled: CompiledRun, work: Callable[[Any], Any], items: Iterable[Any], threads: int) -> list[Any]:
+def over_threads(compiled: CompiledRun, work: Callable[[Any], Any], items: Iterable[Any], threads: int) -> list[Any]:
     """Work through the items in threads; an exception here, Ctrl-C too, ends all runs within a step."""
     with ThreadPoolExecutor(threads) as pool:
         try:

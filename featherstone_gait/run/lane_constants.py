@@ -85,5 +85,6 @@ def write_lane(x: Any, lane: int, part: Any) -> None:
     elif x.values.dtype.names is None:
         x.values[..., lane] = part
     else:
-        for name in varying_fields(x.values.dtype):
-            x.values[name][..., lane] = part[name]
+        values, own = x.values.view(np.ndarray), part.view(np.ndarray)  # whose fields come ten times as fast
+        for name in varying_fields(values.dtype):
+            values[name][..., lane] = own[name]

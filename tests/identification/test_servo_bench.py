@@ -26,6 +26,9 @@ from featherstone_gait.identification.bench import (
 )
 from featherstone_gait.identification.effects import COUNT
 from featherstone_gait.identification.log import FitLog
+from featherstone_gait.run.adjoint import Adjoint
+from featherstone_gait.run.compiled_run import Vector
+from featherstone_gait.run.prepare import prepare
 
 FOLDER = Path(__file__).parents[2] / "robots" / "servos" / "recordings"
 
@@ -121,6 +124,43 @@ def test_intervals_hold_as_often_as_they_say():
 
 
 @pytest.mark.long
+def test_slopes_are_the_exact_ones():
+    """Those by differences beside tangents of the tape, of all but the times: to 1e-5 of each column."""
+    (r,) = recordings("xl330_kp200_sin_sin", XL330)
+    rollouts, every = _Rollouts(XL330, [r]), XL330.parameters()
+    names = (*BASE, *MODELS["m4p"])
+    values = {name: every[name].start for name in (*names, *TIMES)}
+    width = {name: servo_bench.SLOPE_STEP * every[name].width for name in names}
+    sets = [values, *(values | {name: values[name] + width[name]} for name in names)]
+    (here,), *ahead = rollouts(sets)
+    worlds = [servo_bench._numbers_of(XL330, r, one) for one in sets]
+    worlds.append(servo_bench._numbers_of(XL330, r, {name: 1.01 * x + 1e-6 for name, x in values.items()}))
+    scenes = servo_bench._scenes(rollouts.scene, worlds)
+    runs = [prepare(scene, rollouts.steps * servo_bench.STEP, ("q",), servo_bench.STEP) for scene in scenes]
+    starts = [rollouts._begin(run, r, one["zero"])[0] for run, one in zip(runs, sets)]
+    adjoint = Adjoint(runs[0], starts[0], runs[-1:])
+    path = adjoint.run()[:, 0]
+    times = servo_bench.STEP * np.arange(len(path))
+    seen = lambda path: np.interp(r.time - values["angle_age"] - r.time[0], times, path)  # noqa: E731
+    assert np.array_equal(seen(path) + values["zero"], here)
+
+    def inputs(start):
+        """What the run of a start has in the tape's entries; current limits, which are infinite, do not differ."""
+        found, run = np.zeros(adjoint.entries), Vector.of(start.compiled, [start], 1).run
+        for slot in adjoint.slots:
+            numbers = adjoint.values(slot, run)
+            found[slot.first : slot.first + numbers.size] = np.nan_to_num(numbers, posinf=0.0).ravel()
+        return found
+
+    directions = np.stack([inputs(start) - inputs(starts[0]) for start in starts[1:]], axis=-1)
+    tangents = np.stack([start.y - starts[0].y for start in starts[1:]], axis=-1)
+    exact = adjoint.push(tangents, directions)[0][:, 0]
+    for k, name in enumerate(names):
+        column = seen(exact[:, k]) + (width[name] if name == "zero" else 0.0)
+        assert np.linalg.norm(ahead[k][0] - here - column) < 1e-5 * np.linalg.norm(column), name
+
+
+@pytest.mark.long
 def test_an_interrupted_fit_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     monkeypatch.setattr(servo_bench, "MOST_ROUNDS", 2)
 
@@ -154,7 +194,7 @@ HEADER = '{"format": "featherstone_gait servo fit log 2, written by version 0.2"
     ("lines", "message"),
     [
         ([HEADER.replace("servo fit", "study")], "expected featherstone_gait servo fit"),
-        ([HEADER.replace("log 2", "log 9")], "reads servo fit log 1 to 2"),
+        ([HEADER.replace("log 2", "log 9")], "reads servo fit log 1 to 3"),
         ([HEADER, "12"], "line 2: damaged"),
         ([HEADER, '{"fit": "a"}'], "line 2: damaged"),
         (["time_s,angle_rad"], "line 1: damaged"),
