@@ -15,7 +15,13 @@ import numpy as np
 from ..core.compile.lanes import aligned
 from ..core.compile.taped import ADJOINT, COLUMNS, ENTRY, SPAN, Tape
 from ..core.compile.varying import Varying, varying_fields
-from ..core.integrate.adjoint import Noted, pull_back, push_forward
+from ..core.integrate.adjoint import (
+    Noted,
+    pull_back,
+    pull_back_controlled,
+    push_forward,
+    push_forward_controlled,
+)
 from ..core.integrate.rollout import OK, rollout_one
 from ..core.tree.residual import ROOM
 from .compiled_run import CompiledRun, RunInput, Vector
@@ -62,9 +68,16 @@ class Adjoint:
             if knots is not None:
                 cubics = self._inputs(("signals", name), None, knots.cubics, taped_zeros(knots.cubics.shape))
                 run = run._replace(signals=run.signals._replace(**{name: knots._replace(cubics=cubics)}))
+        if self.compiled.controller is not None:
+            run = run._replace(signals=run.signals._replace(program=self._program(run.signals.program)))
         scene = self._of_constants(("scene",), self.merged, self.compiled.scene.constants)
         self.taped, self.first = run._replace(scene=scene), self.tape.first
         self.plain, self.y = one.run, taped_zeros(self.length)
+
+    def _program(self, program: Any) -> Any:
+        """Return a controller that is compiled into the kernels."""
+        assert self.compiled.controller is not None
+        return program._replace(function=self.compiled.controller.taped())
 
     def _inputs(self, path: tuple[str, ...], name: str | None, values: np.ndarray, memory: np.ndarray) -> np.ndarray:
         memory[..., 0] = values
@@ -99,12 +112,14 @@ class Adjoint:
         """Run forwards: return what is recorded (records, channels), and keep the states at which segments start."""
         plan, pieces = self.plain.plan, []
         y, self.starts = self.start.y.copy(), []
-        for n, (first, steps) in enumerate(self.segments):
+        self.kept_starts = [self._first_kept()]
+        for n, (_, steps) in enumerate(self.segments):
             self.starts.append(y.copy())
-            states = self._states(y, first, steps)
+            states = self._states(n, y)
+            self.kept_starts.append(self.kept[-1].copy())
             last = n == len(self.segments) - 1
             pieces.append(states[:: plan.per_sample][: None if last else steps // plan.per_sample, self.plain.channels])
-        self.final, self.states = y, states
+        self.final, self.states, self.kept_last = y, states, self.kept
         return np.concatenate(pieces)
 
     @property
@@ -112,12 +127,41 @@ class Adjoint:
         """Whether the run has failed before its end."""
         return bool(self.final[self.compiled.scene.layout["status"]] != OK)
 
-    def _states(self, y: np.ndarray, first: int, steps: int) -> np.ndarray:
-        """Advance y over a segment; return its states after the ticks at each step (steps + 1, length)."""
-        run, states = self._segment(self.plain, first, steps), np.zeros((steps + 1, self.length))
+    def _first_kept(self) -> np.ndarray:
+        """Return the numbers that a controller keeps besides the state, as they are at the start."""
+        if self.compiled.controller is None:
+            return np.zeros(0)
+        program = self.plain.signals.program
+        memory = np.broadcast_to(self.compiled.controller.first_memory, program.memory.shape)
+        return np.concatenate([memory, np.zeros(program.command.size)])
+
+    def _states(self, n: int, y: np.ndarray) -> np.ndarray:
+        """Advance y over a segment; return its states after the ticks at each step (steps + 1, length).
+
+        What a controller keeps is left in `kept`: before the first tick, and after each.
+        """
+        (first, steps), states = self.segments[n], np.zeros((self.segments[n][1] + 1, self.length))
+        run = self._segment(self.plain, first, steps)
         run = run._replace(channels=np.arange(self.length), plan=run.plan._replace(per_sample=1))
-        self.compiled.call(rollout_one, run, y, states)
+        kept = [self.kept_starts[n]]
+        if self.compiled.controller is None:
+            self.compiled.call(rollout_one, run, y, states)
+        else:
+            program, tick = run.signals.program, run.plan.per_tick
+            program.memory[...] = kept[0][: len(program.memory)]
+            program.command[...] = kept[0][len(program.memory) :].reshape(-1, 2)
+            for at in range(0, steps, tick):
+                count = min(tick, steps - at)
+                plan = run.plan._replace(first=run.plan.first + at, steps=count)
+                self._set_clock(program, first + at)
+                self.compiled.call(rollout_one, run._replace(plan=plan), y, states[at : at + count + 1])
+                kept.append(np.concatenate([program.memory, program.command.ravel()]))
+        self.kept = np.array(kept)
         return states
+
+    def _set_clock(self, program: Any, done: int) -> None:
+        """Set the clock of a controller to a step of the run."""
+        program.clock.reshape(3, -1)[:, 0] = done, self.plain.plan.first, self.plain.plan.offset
 
     @staticmethod
     def _segment(run: Any, first: int, steps: int) -> Any:
@@ -130,11 +174,14 @@ class Adjoint:
         at the end, if it depends on that.
         """
         while True:
-            adjoint = np.zeros(self.length) if final is None else np.array(final, dtype=float)
+            adjoint = np.zeros(self.length + len(self.kept_starts[0]))
+            if final is not None:
+                adjoint[: self.length] = final
             self.tape.numbers[: self.first, ADJOINT] = 0.0
             if all(self._pull(n, seeds, adjoint) for n in reversed(range(len(self.segments)))):
                 self.adjoints = self.tape.numbers[: self.first, ADJOINT].copy()
-                return adjoint
+                self.by_kept = adjoint[self.length :]
+                return adjoint[: self.length]
             self._grow()
 
     def _pull(self, n: int, seeds: np.ndarray, adjoint: np.ndarray) -> bool:
@@ -144,34 +191,37 @@ class Adjoint:
         own = np.array(seeds[first // every : (first + steps) // every + 1], dtype=float)
         if n < len(self.segments) - 1:
             own[-1] = 0.0  # which the next segment begins with
-        return self._fits(pull_back(*self._arguments(n, states), own, adjoint))
+        kernel = pull_back if self.compiled.controller is None else pull_back_controlled
+        return self._fits(kernel(*self._arguments(n, states), own, adjoint))
 
     def push(self, tangents: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the tangents of what is recorded (records, channels, count) and of the final state (length, count).
 
-        tangents (length, count): of the state at the start; directions (entries, count): of the other inputs, see
-        `entries`.
+        tangents (length, count): of the state at the start, and of a controller's memory after it, if that moves;
+        directions (entries, count): of the other inputs, see `entries`.
         """
+        kernel = push_forward if self.compiled.controller is None else push_forward_controlled
         count, every = tangents.shape[1], self.plain.plan.per_sample
         whole = max(-(-count // COLUMNS), 1) * COLUMNS
         while True:
-            along, given = np.zeros((self.length, whole)), np.zeros((self.first, whole))
-            along[:, :count], given[:, :count] = tangents, directions
+            along, given = np.zeros((self.length + len(self.kept_starts[0]), whole)), np.zeros((self.first, whole))
+            along[: len(tangents), :count], given[:, :count] = tangents, directions
             out = np.zeros((self.compiled.samples, len(self.compiled.channels), whole))
             room = np.empty((len(self.tape.numbers), COLUMNS))
             for n, (first, steps) in enumerate(self.segments):
                 part = out[first // every : (first + steps) // every + 1]
-                if not self._fits(push_forward(*self._arguments(n, self._kept(n)), given, along, room, part)):
+                if not self._fits(kernel(*self._arguments(n, self._kept(n)), given, along, room, part)):
                     break
             else:
-                return out[..., :count], along[:, :count]
+                return out[..., :count], along[: self.length, :count]
             self._grow()
 
     def _kept(self, n: int) -> np.ndarray:
         """Return the states of a segment, computed again but for the last."""
         if n == len(self.segments) - 1:
+            self.kept = self.kept_last
             return self.states
-        return self._states(self.starts[n].copy(), *self.segments[n])
+        return self._states(n, self.starts[n].copy())
 
     def _arguments(self, n: int, states: np.ndarray) -> tuple[Any, ...]:
         tape, (first, steps) = self.tape, self.segments[n]
@@ -179,8 +229,11 @@ class Adjoint:
         bodies = len(self.plain.scene.tree)
         given, found, room = np.zeros(bodies + 6), np.zeros(bodies + 6), np.zeros((bodies, ROOM))
         noted = Noted(
-            tape.numbers, tape.links, tape.words, self.first, self.starts[n], states, start, given, found, room
+            tape.numbers, tape.links, tape.words, self.first, self.starts[n], states, start, given, found, room,
+            self.kept,
         )  # fmt: skip
+        if self.compiled.controller is not None:
+            self._set_clock(self.taped.signals.program, first)
         self.y[...] = 0.0
         return self._segment(self.taped, first, steps), self.y, self._segment(self.plain, first, steps), noted
 
@@ -220,8 +273,11 @@ def check(compiled: CompiledRun) -> None:
             f"{scene.model.name}: gradients need fixed steps, by {', '.join(FIXED_STEPS)}; its integrator is "
             f"{scene.integrator}: compile_scene(..., integrator='midpoint')"
         )
-    if compiled.controller is not None:
-        raise ValueError(f"{scene.model.name}: gradients through a compiled controller are not there; leave it out")
+    if compiled.controller is not None and scene.surface_drives:
+        raise ValueError(
+            f"{scene.model.name}: there are no gradients through a compiled controller that may command surfaces: "
+            "leave one of both out"
+        )
 
 
 def taped_zeros(shape: int | tuple[int, ...]) -> np.ndarray:

@@ -30,8 +30,9 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, functions, instance, one_of, real, whole
 from ..base.brief import brief
+from ..core.compile import taped_cost as _taped_cost  # noqa: F401  # functions of math for taped numbers
 from ..core.compile.chance import uses_chance
-from ..core.compile.jit import JIT, CompilationError, carray, outside
+from ..core.compile.jit import JIT, CompilationError, carray, kernel, outside
 from ..core.step import program as core
 from ..core.step.state import IN_STATE
 from ..model import Controller
@@ -169,6 +170,17 @@ class CompiledController:
             failure=np.zeros(4),
             surfaces=scene.layout["surface_command"],
         )
+
+    def taped(self) -> Any:
+        """Return what kernels for derivatives call, compiled for taped numbers.
+
+        It takes the time, the state, the places of its channels, reference, command and memory.
+        """
+        if "taped" not in self._made:
+            scope: dict[str, Any] = {"State": State, "function": kernel(self.function)}
+            exec(f"def call(t, y, places, reference, command, memory):\n    {_CALL}", scope)
+            self._made["taped"] = kernel(scope["call"])
+        return self._made["taped"]
 
     def _address(self) -> Any:
         """Return the address of the compiled function."""
@@ -409,6 +421,11 @@ def _views(
     return State(*channels), reference.reshape(-1, 2), command.reshape(-1, 2), memory
 
 
+# Write out the views of all channels, since Numba loops over no fields.
+_FIELDS = ", ".join(f"y[places[{STARTS + 2 * k}] : places[{STARTS + 2 * k + 1}]]" for k in range(len(SEEN)))
+_CALL = f"function(t, State({_FIELDS}), reference, command, memory)"
+
+
 def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
     """Return what the kernels call, with pointers if compiled, else with arrays; it notes an exception."""
     if not JIT:
@@ -421,13 +438,11 @@ def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
                 arrays[5][core.FAILED] = core.RAISED
 
         return call
-    # Write out the views of all channels, since Numba loops over no fields.
-    fields = ", ".join(f"y[places[{STARTS + 2 * k}] : places[{STARTS + 2 * k + 1}]]" for k in range(len(SEEN)))
     lines = (
         "def wrapper(t, state, places, reference, command, memory, failure):",
         f"    places = carray(places, {STARTS + 2 * len(SEEN)})",
         f"    y, n = carray(state, places[{LENGTH}]), places[{JOINTS}]",
-        f"    seen = State({fields})",
+        f"    seen = State({_FIELDS})",
         "    try:",
         "        function(",
         f"            t, seen, carray(reference, (n, 2)), carray(command, (places[{COMMANDS}], 2)),",

@@ -199,6 +199,15 @@ def entry(function):
     return dispatcher
 
 
+def entry_of_process(function):
+    """Compile `function` as `entry` does, but keep nothing: for arguments of which a type is this process's own."""
+    if not JIT:
+        return entry(function)
+    dispatcher = numba.njit(function, **ENTRY)
+    dispatcher.compile = functools.partial(_compile, dispatcher, dispatcher.compile, False)
+    return dispatcher
+
+
 def direct(dispatcher, *arguments):
     """Return an entry compiled for arguments of these types, which skips the look at types that each call would cost.
 

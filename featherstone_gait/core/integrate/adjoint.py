@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import entry, inline, kernel
+from ..compile.jit import entry, entry_of_process, inline, kernel
 from ..compile.optional import any_present
 from ..compile.structure import structure
 from ..compile.taped import (
@@ -38,6 +38,7 @@ from ..compile.taped import (
     value_of,
 )
 from ..step.pool import renew_pool
+from ..step.program import kept_count, kept_number, recall, recall_torques, writes_torques
 from ..step.signals import time_of
 from ..tree.coupling import follow
 from ..tree.residual import solve_in_factors
@@ -59,22 +60,22 @@ class Noted(NamedTuple):
     given: np.ndarray  # (joints + 6,) of a solution in factors
     found: np.ndarray
     room: np.ndarray  # (bodies, ROOM)
+    kept: np.ndarray  # (ticks + 1, kept numbers) of a controller before the first tick, and after each: see program.py
 
 
-@entry
-def pull_back(run, y, plain, noted, seeds, adjoint):
-    """Take the adjoint (length,) from the end of a run to its start.
+def pull(run, y, plain, noted, seeds, adjoint):
+    """Take the adjoint (length + kept numbers,) from the end of a run to its start.
 
     run, y: with memory of taped numbers (..., 2); plain: the run with its own memory, which solves each step before it
     is noted; seeds (records, channels): derivatives of the result by what is recorded.  Returns how many entries the
     longest step took, at least as many as the tape has if it was too small.
     """
-    return _pull_back(on_tape(run), as_taped(y), plain, noted, seeds, adjoint)
+    return _pull(on_tape(run), as_taped(y), plain, noted, seeds, adjoint)
 
 
 @kernel
-def _pull_back(run, y, plain, noted, seeds, adjoint):
-    plan, most = run.plan, 0
+def _pull(run, y, plain, noted, seeds, adjoint):
+    plan, program, most = run.plan, run.signals.program, 0
     for k in range(plan.steps, -1, -1):
         if k % plan.per_sample == 0:
             for j in range(len(run.channels)):
@@ -82,27 +83,28 @@ def _pull_back(run, y, plain, noted, seeds, adjoint):
         note(run, y, plain, noted, k)
         for i in range(len(y)):
             add_adjoint(noted.numbers, y[i], adjoint[i])
+        for i in range(kept_count(program)):
+            add_adjoint(noted.numbers, 0.0 * y[0] + kept_number(program, i), adjoint[len(y) + i])
         _sweep_back(run, plain, noted)
         most = max(most, used(noted.words))
-        for i in range(len(y)):
+        for i in range(len(adjoint)):
             adjoint[i] = noted.numbers[noted.first + i, ADJOINT]
     return most
 
 
-@entry
-def push_forward(run, y, plain, noted, directions, tangents, room, out):
-    """Take tangents (length, count) from the start of a run to its end; count: a multiple of COLUMNS.
+def push(run, y, plain, noted, directions, tangents, room, out):
+    """Take tangents (length + kept numbers, count) from the start of a run to its end; count: a multiple of COLUMNS.
 
     directions (inputs, count): those of the other inputs, a row for each entry before that of the state; room (entries,
     COLUMNS): scratch; out (records, channels, count): tangents of what is recorded.  The others and the returned number
-    are those of `pull_back`.
+    are those of `pull`.
     """
-    return _push_forward(on_tape(run), as_taped(y), plain, noted, directions, tangents, room, out)
+    return _push(on_tape(run), as_taped(y), plain, noted, directions, tangents, room, out)
 
 
 @kernel
-def _push_forward(run, y, plain, noted, directions, tangents, room, out):
-    plan, first = run.plan, noted.first
+def _push(run, y, plain, noted, directions, tangents, room, out):
+    plan, first, program = run.plan, noted.first, run.signals.program
     most = first
     for k in range(plan.steps + 1):
         note(run, y, plain, noted, k)
@@ -111,18 +113,27 @@ def _push_forward(run, y, plain, noted, directions, tangents, room, out):
             for c in range(COLUMNS):
                 for i in range(first):
                     room[i, c] = directions[i, column + c]
-                for i in range(len(y)):
+                for i in range(len(tangents)):
                     room[first + i, c] = tangents[i, column + c]
-            _push_on(plain, noted, first + len(y), room)
+            _push_on(plain, noted, first + len(tangents), room)
             for i in range(len(y)):
                 at = place_of(entry_of(y[i]))
                 for c in range(COLUMNS):
                     tangents[i, column + c] = room[at, c]
+            for i in range(kept_count(program)):
+                at = place_of(entry_of(0.0 * y[0] + kept_number(program, i)))
+                for c in range(COLUMNS):
+                    tangents[len(y) + i, column + c] = room[at, c]
         if k % plan.per_sample == 0:
             for j in range(len(run.channels)):
                 for c in range(tangents.shape[1]):
                     out[k // plan.per_sample, j, c] = tangents[run.channels[j], c]
     return most
+
+
+pull_back, push_forward = entry(pull), entry(push)
+# A controller's function is compiled into these, and is of this process.
+pull_back_controlled, push_forward_controlled = entry_of_process(pull), entry_of_process(push)
 
 
 @inline
@@ -178,6 +189,12 @@ def note(run, y, plain, noted, k):
     for i in range(len(y)):
         y[i] = as_input(noted.words, before[i])
         noted.state[i] = before[i]
+    for i in range(kept_count(run.signals.program)):
+        number = noted.kept[(k + plan.per_tick - 1) // plan.per_tick, i]
+        recall(run.signals.program, i, as_input(noted.words, number))
+        recall(plain.signals.program, i, number)
+    recall_torques(writes_torques(run.signals.program), run.signals)
+    recall_torques(writes_torques(run.signals.program), plain.signals)
     if k > 0:
         first_theta, theta = thetas(plain.work, plan.theta, noted.start[run.offsets[0].end_time])
         if k == 1:

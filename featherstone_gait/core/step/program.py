@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.by_type import overridable
-from ..compile.jit import kernel
+from ..compile.jit import inline, kernel
 from ..compile.lanes import flat, width_of
 from ..compile.outside import call_outside
 from ..compile.structure import structure
+from ..compile.taped import noting, value_of
 
 DONE, FIRST, OFFSET = 0, 1, 2  # of the clock: steps since the controller's start, steps before that, time before [s]
 # Of its failure: one of the two below, at the time [s], at this index of the command, in this lane.
@@ -62,8 +63,75 @@ def commanded(program, plan, k, y, reference):
 
 @commanded.of(Program)
 def _its_command(program, plan, k, y, reference):
-    act(program.replaces, program, plan, k, y, reference)
+    _act(noting(y), program, plan, k, y, reference)
     return program.command
+
+
+@inline
+def _act(noted, program, plan, k, y, reference):
+    if noted is None:
+        act(program.replaces, program, plan, k, y, reference)
+    else:
+        act_noted(program.replaces, program, plan, k, y, reference)
+
+
+@kernel
+def act_noted(replaces, program, plan, k, y, reference):
+    """Call the controller with taped numbers; its function is then compiled into what calls it."""
+    done = int(value_of(program.clock[DONE])) + k
+    if (done // plan.per_tick) % program.every == 0:
+        for i in range(len(program.command)):
+            for column in range(2):
+                program.command[i, column] = 0.0
+                if replaces is None:
+                    program.command[i, column] = reference[i, column]
+        t = value_of(program.clock[OFFSET]) + (value_of(program.clock[FIRST]) + done) * plan.h
+        program.function(t, y, program.offsets, reference, program.command, program.memory)
+
+
+@overridable
+def kept_count(program):
+    """Return how many numbers a controller keeps from step to step besides the state: its memory, then its command."""
+    return 0
+
+
+kept_count.of(Program)(lambda program: len(program.memory) + 2 * len(program.command))
+
+
+@overridable
+def kept_number(program, i):
+    """Return one of these numbers."""
+    return 0.0
+
+
+@kept_number.of(Program)
+def _kept(program, i):
+    if i < len(program.memory):
+        return program.memory[i]
+    at = i - len(program.memory)
+    return program.command[at // 2, at % 2]
+
+
+@overridable
+def recall(program, i, x):
+    """Set one of these numbers."""
+
+
+@recall.of(Program)
+def _recall(program, i, x):
+    at = i - len(program.memory)
+    if at < 0:
+        program.memory[i] = x
+    else:
+        program.command[at // 2, at % 2] = x
+
+
+@inline
+def recall_torques(present, signals):
+    """Set the torques that stand until the next tick to those that a controller has commanded."""
+    if present is not None:
+        for i in range(len(signals.program.command)):
+            signals.torques.cubics[0, i, 0] = signals.program.command[i, 0]
 
 
 @kernel
