@@ -60,6 +60,7 @@ ALLOWED = {  # by type, of fields that state no range
     "LoopKind": ", ".join(get_args(LoopKind)),
     "str | None": "text",
     "bool": "true, false",
+    "Mapping[str, Mapping[str, float]] | tuple[tuple[str, tuple[tuple[str, float], ...]], ...]": "tables by degree",
     "Vector": "[x, y, z]",
     "float | None": ">= 0",
     "tuple[Moment, ...]": "[[name, number], ...]",

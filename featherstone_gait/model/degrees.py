@@ -9,7 +9,8 @@
 | free | x, y, z along the axes of the joint's frame in the parent, then rx, ry, rz of a ball joint |
 
 A degree is called `joint.rx`.  Damping, friction, armature and the limits of effort and velocity of a joint are those
-of each of its degrees.  A ball joint may have a spring and a limit for its angle as a whole.
+of each of its degrees, unless `Joint.degrees` says otherwise; springs and limits of single degrees stand there alone.
+A ball joint may have a spring and a limit for its angle as a whole.
 """
 
 from __future__ import annotations
@@ -61,6 +62,9 @@ def _chain(joint: Joint) -> Iterator[Joint]:
         child = joint.child if k == len(parts) - 1 else name
         xyz, rpy = (joint.xyz, joint.rpy) if k == 0 else (STILL, STILL)
         own: dict[str, Any] = {"axis": axis, "axis2": None, "stiffness": 0.0, "lower": -math.inf, "upper": math.inf}
+        own |= {"degrees": (), **dict(dict(joint.degrees).get(suffix, ()))}
+        if kind == "continuous" and (own["lower"] > -math.inf or own["upper"] < math.inf):
+            kind = "revolute"
         yield replace(joint, name=name, type=kind, parent=parent, child=child, xyz=xyz, rpy=rpy, **own)
         parent = child
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 from ..base.arguments import is_real, shown
 from ..base.brief import brief
+from ..base.flaws import quoted
 from .checks import (
     angle_flaws,
     check,
@@ -25,6 +26,13 @@ JointType = Literal[
     "revolute", "continuous", "prismatic", "fixed", "screw", "ball", "universal", "cylindrical", "planar", "free"
 ]
 COMPOSITE = ("ball", "universal", "cylindrical", "planar", "free")  # joints of several degrees of freedom
+SINGLE = {  # their degrees that turn about one axis or slide: see degrees.py
+    "universal": ("r1", "r2"), "cylindrical": ("z", "rz"), "planar": ("x", "y", "rz"), "free": ("x", "y", "z"),
+}  # fmt: skip
+OF_DEGREES = (
+    "lower", "upper", "effort", "velocity", "damping", "friction", "armature", "stiffness", "spring_reference",
+    "quadratic_stiffness", "cubic_stiffness", "quadratic_damping", "cubic_damping",
+)  # fmt: skip
 Vector = tuple[float, float, float]
 
 GIVES_WAY = 3.0 * (1.0 + 1e-12)  # by which a spring may miss the limit through rounding
@@ -151,6 +159,9 @@ class Joint:
         How far a screw joint slides along its axis as it turns [m/rad].
     axis2 : tuple of float or None
         Second axis of a universal joint, in the child frame; None for one across the first.
+    degrees : Mapping of str to Mapping of str to float
+        What single degrees of a universal, cylindrical, planar or free joint have instead, such as limits and a spring:
+        ``{"r1": {"lower": -0.5, "upper": 0.5, "stiffness": 2.0}}``.  It is kept as a tuple of pairs.
 
     Raises
     ------
@@ -181,6 +192,7 @@ class Joint:
     cubic_stiffness: float = quantity(">= 0", "SI", 0.0, "0 is a linear spring")
     quadratic_damping: float = quantity("finite", "SI", 0.0, "0 is a linear damper")
     cubic_damping: float = quantity(">= 0", "SI", 0.0, "0 is a linear damper")
+    degrees: Mapping[str, Mapping[str, float]] | tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
 
     __repr__ = brief
 
@@ -189,6 +201,30 @@ class Joint:
         freeze(self, "xyz", "rpy", "axis")
         if self.axis2 is not None:
             freeze(self, "axis2")
+        each = ((name, dict(own).items()) for name, own in self._by_degree().items())
+        object.__setattr__(self, "degrees", tuple((name, tuple((k, float(x)) for k, x in own)) for name, own in each))
+
+    def _by_degree(self) -> dict[str, Any]:
+        return dict(self.degrees)
+
+    def _flaws_of_degrees(self, what: str) -> Iterator[str]:
+        """Find what single degrees cannot have; their numbers are checked where the degrees are made."""
+        give = "give {'r1': {'lower': -0.5, 'upper': 0.5}}"
+        try:
+            found = {name: dict(own) for name, own in self._by_degree().items()}
+        except (TypeError, ValueError):
+            yield f"{what}: degrees is {shown(self.degrees)}; expected numbers by degree and name: {give}"
+            return
+        known = SINGLE.get(self.type, ())
+        for name, own in found.items():
+            if name not in known:
+                may = f"its single degrees are {quoted(known)}" if known else "it has no single degrees"
+                yield f"{what}: degrees has {shown(name)}, and type {self.type!r}: {may}: correct it"
+            for key, value in own.items():
+                if key not in OF_DEGREES:
+                    yield f"{what}: degree {name!r} has {shown(key)}; expected one of {quoted(OF_DEGREES)}: correct it"
+                elif not is_real(value):
+                    yield f"{what}: degree {name!r} has {key} {shown(value)}; expected a number: correct it"
 
     def _flaws(self, what: str) -> Iterator[str]:
         yield from name_flaws("joint", self.name)
@@ -208,6 +244,7 @@ class Joint:
         if not isinstance(self.type, str):
             return
         yield from self._flaws_of_several(what)
+        yield from self._flaws_of_degrees(what)
         if self.type == "fixed":
             return
         if (
@@ -266,7 +303,7 @@ class Joint:
         elif real and (self.lower, self.upper) != (-math.inf, math.inf):
             yield (
                 f"{what}: type {self.type!r} has limits {shown(self.lower)} to {shown(self.upper)}; expected none: "
-                "make it of joints of one degree of freedom to limit these"
+                "give those of its single degrees in `degrees`"
             )
         if self.mimic is not None:
             yield f"{what}: type {self.type!r} follows a joint; only joints of one degree of freedom do: remove mimic"
@@ -274,7 +311,7 @@ class Joint:
         if any(is_real(x) and x != 0.0 for x in powers):
             yield f"{what}: type {self.type!r} has a nonlinear spring; expected none: leave its numbers out"
         if self.type != "ball" and is_real(self.stiffness) and self.stiffness != 0.0:
-            yield f"{what}: type {self.type!r} has stiffness {shown(self.stiffness)}; expected 0: remove the spring"
+            yield f"{what}: type {self.type!r} has stiffness {shown(self.stiffness)}; give it in `degrees`"
 
 
 @dataclass(frozen=True)

@@ -201,10 +201,12 @@ def _of_link(model: Model, link: Link) -> dict[str, Any]:
     return found
 
 
-def _own(joint: Joint) -> dict[str, float]:
+def _own(joint: Joint) -> dict[str, Any]:
     """Return what URDF cannot state of a joint."""
     names = "armature", "quadratic_stiffness", "cubic_stiffness", "quadratic_damping", "cubic_damping"
-    found = {name: getattr(joint, name) for name in names if getattr(joint, name)}
+    found: dict[str, Any] = {name: getattr(joint, name) for name in names if getattr(joint, name)}
+    if joint.degrees:
+        found["degrees"] = {name: dict(own) for name, own in dict(joint.degrees).items()}
     return found | ({"upper": joint.upper} if joint.type == "ball" and joint.upper < math.inf else {})
 
 

@@ -25,7 +25,7 @@ from .toml import Problems, beside, check_keys, name_pairs_of, number, read_toml
 OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
     "links": ("gravity_compensation", "surface"),  # the latter of its shapes and contact points, or one of each shape
     "joints": ("upper", "armature", "stiffness", "spring_reference", "quadratic_stiffness", "cubic_stiffness",
-        "quadratic_damping", "cubic_damping"),
+        "quadratic_damping", "cubic_damping", "degrees"),
 }
 # Of the file.
 SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded", "loops", "tendons",
@@ -132,6 +132,8 @@ def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Jo
     def stated(own: dict[str, Any], key: str, what: str) -> Any:
         if key not in declared:
             return _surfaces(own, key, what) if isinstance(own[key], list) else surface(own, key, what)
+        if key == "degrees":
+            return _degrees(own, what)
         value = number(own, key, what)
         check(field_flaws(what, key, value, declared[key]))
         return value
@@ -150,6 +152,13 @@ def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Jo
         return found
 
     return _each(inside, inside, read)
+
+
+def _degrees(own: dict[str, Any], what: str) -> dict[str, dict[str, float]]:
+    """Read what single degrees of a joint have, by degree and name."""
+    inside = table_of(own, "degrees", f"{what}.")
+    tables = ((name, table_of(inside, name, f"{what}.degrees.")) for name in inside)
+    return {name: {key: number(own, key, f"{what}.degrees.{name}") for key in own} for name, own in tables}
 
 
 def _surfaces(own: dict[str, Any], key: str, what: str) -> tuple[Surface | None, ...]:
