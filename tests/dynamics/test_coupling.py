@@ -19,9 +19,11 @@ from featherstone_gait import (
     Ground,
     Joint,
     Link,
+    Loop,
     Model,
     Reference,
     Wrench,
+    close_loops,
     compile_scene,
     contact_positions,
     coupling_matrix,
@@ -32,6 +34,8 @@ from featherstone_gait import (
     inverse_dynamics,
     load_robot,
     load_servo,
+    loop_gaps,
+    loop_jacobian,
     mass_matrix,
     momentum,
     simulate,
@@ -523,6 +527,29 @@ def test_a_follower_that_is_locked_is_held_and_its_leader_goes_free():
 def test_couplings_that_lead_nowhere_are_refused(pairs, message):
     with pytest.raises(ValueError, match=message):
         swings(pairs)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
+def test_couplings_hold_beside_loops_on_the_same_joints(integrator):
+    """To rounding at each record, while a rod to the world and one between links of followers stay closed."""
+    model = coupled(random_tree(7, 3), {"joint5": ("joint2", 0.5, 0.1), "joint7": ("joint3", -1.7, 0.0)})
+    links = [link.name for link in model.links]
+    rods = (
+        Loop("rod", "distance", links[-1], None, (0.1, 0.0, 0.0), (1.0, 0.5, 0.3), distance=2.0),
+        Loop("between", "distance", links[5], links[2], (0.1, 0.0, 0.0), (0.0, 0.1, 0.3), distance=0.4),
+    )
+    model = replace(model, loops=rods)
+    q = close_loops(model, random_states(model, 1, 2)[0][0])
+    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
+    run = simulate(scene, 0.3, initial_state(scene, q), record=("q", "qd"), estimate_error=False)
+    assert np.abs(run["qd"]).max() > 3.0
+    for x, at in ((run["q"], 0.1), (run["qd"], 0.0)):
+        np.testing.assert_allclose(x[:, 4], 0.5 * x[:, 1] + at, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(x[:, 6], -1.7 * x[:, 2], rtol=0, atol=1e-15)
+    assert np.abs(loop_gaps(model, run["q"])).max() < 1e-12
+    rates = (loop_jacobian(model, run["q"]) @ run["qd"][..., None])[..., 0]
+    assert np.abs(rates).max() < 1e-10
 
 
 # --- the start ----------------------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ from ..tree.forest import (
     loops_of,
     rows_of,
 )
-from ..tree.kinematics import base_acceleration, motion_pass, move_base, pose_pass
+from ..tree.kinematics import base_acceleration, motion_pass, move_base, velocity_pass
 from ..tree.layout import Motion
 from ..tree.loop import (
     BIAS,
@@ -52,6 +52,7 @@ from ..tree.loop import (
 MOVES = 12  # at most
 SMALL = 1e-10  # gap [m or rad], and speed of it by the fastest coordinate, of which one move leaves rounding
 CLOSED = 1e-9  # what counts as closed
+NOTHING = 1e-12  # gap [m or rad] so small that velocities need not wait until it is closed
 
 
 @structure
@@ -267,40 +268,49 @@ def _unbend(which, span, loops, scene, offsets, scratch, h, y):
 def _project(which, span, loops, scene, offsets, scratch, y):
     """Move positions and velocities; count a step whose loops stay open as one that has not converged.
 
-    In lanes what is closed in one is not moved any more.
+    Both are moved at the poses in which the gaps are found, and again where these change the loops' directions by more
+    than rounding.  In lanes what is closed in one is not moved any more.
     """
-    (W, work), zero = scratch, 0.0 * y[offsets.status]
-    at_work, gap = zero == 0.0, zero
-    for k in range(MOVES):
-        _pose_bodies(which, scene, offsets, y, W)
-        _fill(span, loops, scene, offsets, scratch, y)
+    _fill_at(which, span, loops, scene, offsets, scratch, y)
+    work, always, fast = scratch[1], 0.0 * y[offsets.status] == 0.0, _fastest(which, scene, offsets, y)
+    gap, speed = _largest(GAP, span, loops, work), _largest(SPEED, span, loops, work)
+    _take(GAP, span, loops, work)
+    _move(which, span, loops, scene, offsets, scratch, always, y)
+    _take(SPEED, span, loops, work)
+    _speed_up(which, span, loops, scene, offsets, scratch, always, y)
+    again, at_work = (gap > NOTHING) | (speed > SMALL * fast), gap > SMALL
+    for _ in range(1, MOVES):
+        if not any_lane(at_work):
+            break
+        _fill_at(which, span, loops, scene, offsets, scratch, y)
         before, gap = gap, select(at_work, _largest(GAP, span, loops, work), gap)
         _take(GAP, span, loops, work)
         _move(which, span, loops, scene, offsets, scratch, at_work, y)
-        at_work = at_work & (gap > SMALL) & _closes(k, gap, before)
+        at_work = at_work & (gap > SMALL) & (gap < 0.5 * before)
+    at_work = again
+    for k in range(1, MOVES):
         if not any_lane(at_work):
             break
-    at_work, speed, fast = zero == 0.0, zero, _fastest(which, scene, offsets, y)
-    for k in range(MOVES):
-        _move_bodies(which, scene, offsets, y, W)
-        _fill(span, loops, scene, offsets, scratch, y)
+        _fill_at(which, span, loops, scene, offsets, scratch, y)
         before, speed = speed, select(at_work, _largest(SPEED, span, loops, work), speed)
         _take(SPEED, span, loops, work)
         _speed_up(which, span, loops, scene, offsets, scratch, at_work, y)
-        at_work = at_work & (speed > SMALL * fast) & _closes(k, speed, before)
-        if not any_lane(at_work):
-            break
+        at_work = at_work & (speed > SMALL * fast) & ((speed < 0.5 * before) | (k == 1))
     missed, at = (gap > CLOSED) | (speed > CLOSED * fast), offsets.newton_iterations + 1
     y[at] = select(missed, y[at] + 1.0, y[at])
 
 
-@inline
-def _pose_bodies(which, scene, offsets, y, W):
+@kernel
+def _fill_at(which, span, loops, scene, offsets, scratch, y):
+    """Fill gaps and speeds of a span of loops at the state y, with poses and velocities of the bodies."""
     n, ball_q = joint_count(scene.trees, scene.tree), ball_positions(scene.balls, y, offsets.ball_q)
+    q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
     for k in range(which[0], which[1]):
         part = item(scene.trees, k)
         bq = base_of(scene.floating, part, y, offsets.base_q, 7)
-        pose_pass(scene.tree, part, bq, ball_q, y[offsets.q : offsets.q + n], W)
+        bv = base_of(scene.floating, part, y, offsets.base_qd, 6)
+        velocity_pass(scene.tree, part, Motion(bq, bv, None, q, v, None, ball_q), scratch[0])
+    _fill(span, loops, scene, offsets, scratch, y)
 
 
 @inline
@@ -332,14 +342,6 @@ def _faster(bv, fast):
         for i in range(6):
             fast = select(abs(bv[i]) > fast, abs(bv[i]), fast)
     return fast
-
-
-@inline
-def _closes(k, now, before):
-    """Return whether the move before the k-th has brought what was open below the half."""
-    if k == 0:
-        return now == now
-    return now < 0.5 * before
 
 
 @inline

@@ -14,7 +14,8 @@ the second pass then finds is, for all accelerations at once, that of the projec
     G' A G a = G' b,    x = G a,
 
 where G leads from independent accelerations to all: exact, without a stiffness, and without drift but by rounding,
-which `follow` takes away.
+which `follow` takes away.  Couplings are no loops (loop.py) because they are linear: no step opens them, whereas loops
+have a compliance and are closed after each step, in the space that couplings leave, also on the same joints.
 """
 
 from ..compile.jit import inline, kernel

@@ -101,6 +101,26 @@ def joint_motion(ball_q, b, i, qd, qdd, W):
 
 
 @inline
+def joint_velocity(ball_q, b, i, qd, W):
+    """Fill V = V_parent + S qd alone."""
+    k = b.parent
+    if ball_q is not None:
+        k = b.carrier
+    s, wp, vp = _axis(i, W), load3(W, k, V), load3(W, k, V + 3)
+    sd = scale(s, qd)
+    if b.kind == PRISMATIC:
+        store3(W, i, V, wp)
+        store3(W, i, V + 3, add(vp, sd))
+    else:
+        store3(W, i, V, add(wp, sd))
+        store3(W, i, V + 3, add(vp, scale(_lever(b, i, s, W), qd)))
+    if ball_q is not None:
+        if b.kind == BALL_AXIS:
+            store3(W, i, V, add(load3(W, i, V), sub(load3(W, b.parent, V), wp)))
+            store3(W, i, V + 3, add(load3(W, i, V + 3), sub(load3(W, b.parent, V + 3), vp)))
+
+
+@inline
 def _moving(b, i, qd, qdd, wp, vp, W):
     s = _axis(i, W)
     ap = load3(W, b.parent, A)

@@ -8,7 +8,7 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import sqrt
 from ..compile.optional import item
 from .forest import base_count, rows_of
-from .joint import joint_motion, joint_pose, rotation_matrix
+from .joint import joint_motion, joint_pose, joint_velocity, rotation_matrix
 from .layout import A, P, R, U, V
 from .spatial import add, cross, load3, load9, rotate, rotate_back, store3, store9, sub
 
@@ -38,6 +38,17 @@ def pose_pass(tree, part, base_q, ball_q, q, W):
         store9(W, root, R, quaternion_matrix(base_q))
     for i in range(root + 1, end):
         joint_pose(ball_q, tree[i], i, q[tree[i].dof], W)
+
+
+@kernel
+def velocity_pass(tree, part, motion, W):
+    """Fill R, P and V of every row of a tree, of a `Motion` without accelerations."""
+    root, end = rows_of(part, tree)
+    _root(root, motion.base_q, motion.base_qd, None, (0.0, 0.0, 0.0), W)
+    for i in range(root + 1, end):
+        b = tree[i]
+        joint_pose(motion.ball_q, b, i, motion.q[b.dof], W)
+        joint_velocity(motion.ball_q, b, i, motion.qd[b.dof], W)
 
 
 @inline
