@@ -28,6 +28,7 @@ from ..run.adjoint import Adjoint
 from ..run.classify import to_trajectory
 from ..run.compiled_run import CompiledRun
 from ..run.prepare import prepare
+from ..run.program import CompiledController
 from ..run.reference import Reference
 from ..run.simulate import simulate
 from ..run.start import check_scene
@@ -150,6 +151,8 @@ def gradient(
     pushes: Sequence[Push] = (),
     record: Sequence[str] | None = None,
     record_interval: float | None = None,
+    *,
+    controller: CompiledController | None = None,
 ) -> Gradient:
     """Simulate a scene, and differentiate a cost of what it records by any number of parameters.
 
@@ -157,7 +160,7 @@ def gradient(
     ----------
     scene
         The scene, with one of the integrators of fixed steps "implicit_euler", "midpoint" and "rk4".
-    duration, state, reference, tau, pushes, record, record_interval
+    duration, state, reference, tau, pushes, record, record_interval, controller
         As in `simulate`; record None: the channels that a compiled cost takes.
     cost
         A function of recorded channels made by `run_cost`, or any function that is called with a dictionary of the
@@ -170,6 +173,8 @@ def gradient(
           count.
         - "reference", "tau": values at the knots (knots, joints); of a cyclic signal without the last knot, which
           repeats the first.  "tau" given as an array (joints,) has its shape.
+        - "controller": the numbers with which the memory of a compiled controller begins (memory,), such as its gains:
+          `CompiledController.beginning_with`.
         - Physical numbers by the section and name that `Worlds` gives them, as "ground.friction",
           "servos.resistance" (servos,), "servos.left_knee.resistance" (), "links.mass" (links,), "gravity" (3,).
 
@@ -195,8 +200,9 @@ def gradient(
     >>> gradient(scene, 1.0, height, ["reference", "links.mass"], reference=reference)["links.mass"]
     """
     return gradient_batch(
-        scene, duration, cost, parameters, [state], [reference], [tau], pushes, record, record_interval, threads=1
-    )[0]
+        scene, duration, cost, parameters, [state], [reference], [tau], pushes, record, record_interval, threads=1,
+        controller=controller,
+    )[0]  # fmt: skip
 
 
 def gradient_batch(
@@ -213,6 +219,7 @@ def gradient_batch(
     *,
     worlds: Worlds | None = None,
     threads: int | None = None,
+    controller: CompiledController | None = None,
 ) -> list[Gradient]:
     """Differentiate the cost of several runs, each as `gradient` does, to the same bits.
 
@@ -220,7 +227,7 @@ def gradient_batch(
     ----------
     scene
         One for all runs, or a list with one for each.
-    duration, cost, parameters, pushes, record, record_interval
+    duration, cost, parameters, pushes, record, record_interval, controller
         As in `gradient`.
     states, references, taus
         Lists of equal length with an entry for each run, or None.
@@ -260,7 +267,8 @@ def gradient_batch(
     if any(len(given) != count for given in lists.values()):
         found = ", ".join(f"{name} {len(given)}" for name, given in lists.items())
         raise ValueError(f"gradient_batch: the lists have {found} entries; give as many of each, one a run")
-    runs = [Given(*row) for row in zip(lists["scenes"], *(lists.get(name, [None] * count) for name in each))]
+    rows = zip(lists["scenes"], *(lists.get(name, [None] * count) for name in each))
+    runs = [Given(*row)._replace(controller=controller) for row in rows]
     how = How(duration, pushes, record_of(cost, record), record_interval)
     return _over_threads(lambda run: _differentiate(run, how, cost, names), runs, threads)
 
@@ -276,10 +284,10 @@ def _over_threads(work: Callable[[Given], Gradient], runs: list[Given], threads:
 def _differentiate(given: Given, how: How, cost: Cost, names: Sequence[str]) -> Gradient:
     """Run forwards and backwards."""
     scene, reference, tau = given.scene, given.reference, given.tau
-    shapes = {name: shape_of(scene, name, reference, tau) for name in names}
-    run = prepare(scene, how.duration, how.record, how.record_interval, pushes=how.pushes)
+    shapes = {name: shape_of(scene, name, reference, tau, given.controller) for name in names}
+    run = _prepared(scene, how, given.controller)
     start = run.start(given.state, reference, tau)
-    adjoint = Adjoint(run, start, _others(given.scene, how, names))
+    adjoint = Adjoint(run, start, _others(given, how, names))
     out = adjoint.run()
     trajectory = to_trajectory(run, adjoint.final, out, run.schedule(start.y))
     if trajectory.failed:
@@ -299,10 +307,16 @@ def _differentiate(given: Given, how: How, cost: Cost, names: Sequence[str]) -> 
 _checked: weakref.WeakSet[Cost] = weakref.WeakSet()
 
 
-def _others(scene: CompiledScene, how: How, names: Sequence[str]) -> list[CompiledRun]:
+def _prepared(scene: CompiledScene, how: How, controller: CompiledController | None) -> CompiledRun:
+    return prepare(
+        scene, how.duration, how.record, how.record_interval, pushes=how.pushes, controller=controller
+    )
+
+
+def _others(given: Given, how: How, names: Sequence[str]) -> list[CompiledRun]:
     """Return runs of scenes that differ from the scene in all constants that depend on parameters."""
-    scenes = [one for name in names if is_number(name) for one in table_of(scene, name).others]
-    return [prepare(one, how.duration, how.record, how.record_interval, pushes=how.pushes) for one in scenes]
+    scenes = [one for name in names if is_number(name) for one in table_of(given.scene, name).others]
+    return [_prepared(one, how, given.controller) for one in scenes]
 
 
 class RunObjective:
@@ -312,12 +326,13 @@ class RunObjective:
 
     Parameters
     ----------
-    scene, duration, cost, pushes, record, record_interval
+    scene, duration, cost, pushes, record, record_interval, controller
         As in `gradient`.
     inputs : callable
-        Called with a vector (n,); returns what a run at it is given, by parameter: "state", "reference", "tau", and
-        physical numbers, as ``{"reference": Reference(times, x.reshape(5, 2)), "ground.friction": 0.5}``.  Knot times
-        must not depend on the vector.  Its own derivatives are extrapolated central differences, of `inputs` alone.
+        Called with a vector (n,); returns what a run at it is given, by parameter: "state", "reference", "tau",
+        "controller" (the numbers with which its memory begins), and physical numbers, as
+        ``{"reference": Reference(times, x.reshape(5, 2)), "ground.friction": 0.5}``.  Knot times must not depend on the
+        vector.  Its own derivatives are extrapolated central differences, of `inputs` alone.
     worlds : Worlds, optional
         Worlds over which cost and gradient are averaged.
     threads : int, optional
@@ -355,11 +370,12 @@ class RunObjective:
         worlds: Worlds | None = None,
         threads: int | None = None,
         scale: ArrayLike = 1.0,
+        controller: CompiledController | None = None,
     ) -> None:
         check_scene(scene)
         functions(cost=cost, inputs=inputs)
         self.scenes = [scene] if worlds is None else worlds.scenes(scene)
-        self.cost, self.inputs, self.threads = cost, inputs, threads
+        self.cost, self.inputs, self.threads, self.controller = cost, inputs, threads, controller
         self.how = How(duration, pushes, record_of(cost, record), record_interval)
         self.scale = floats("scale", scale)
         if not (np.isfinite(self.scale).all() and (self.scale > 0.0).all()):
@@ -375,17 +391,23 @@ class RunObjective:
         x = np.array(floats("x", x))
         given = self._given(x)
         names = [*given]
-        runs = [
-            Given(scenes_with(scene, {n: number[None] for n, number in given.items() if is_number(n)})[0],
-                  *(given.get(name) for name in ("state", "reference", "tau")))
-            for scene in self.scenes
-        ]  # fmt: skip
+        numbers = {name: number[None] for name, number in given.items() if is_number(name)}
+        signals = {name: given.get(name) for name in ("state", "reference", "tau")}
+        law = self._controller_at(given)
+        runs = [Given(scenes_with(scene, numbers)[0], **signals, controller=law) for scene in self.scenes]
         self.last = _over_threads(lambda run: _differentiate(run, self.how, self.cost, names), runs, self.threads)
         slopes = self._slopes(x, given)
         total = np.zeros(len(x))
         for one in self.last:
             total += sum(np.einsum("xi,i->x", slopes[name], one[name].ravel()) for name in names)
         return float(np.mean([one.value for one in self.last])), total / len(self.last)
+
+    def _controller_at(self, given: Mapping[str, Any]) -> CompiledController | None:
+        if "controller" in given and self.controller is None:
+            raise ValueError("inputs: 'controller' is one, but none is given: give controller=...")
+        if self.controller is None or "controller" not in given:
+            return self.controller
+        return self.controller.beginning_with(given["controller"])
 
     def _given(self, x: np.ndarray) -> dict[str, Any]:
         """Return what a run at a vector is given, checked; numbers as arrays in their own shape."""

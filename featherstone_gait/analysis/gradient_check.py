@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.step.state import IN_STATE
+from ..run.program import CompiledController
 from ..run.reference import Reference
 from ..run.simulate import simulate_batch
 from ..run.start import initial_state
@@ -20,7 +21,7 @@ from ..run.trajectory import Trajectory
 from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from .chart import chart_of
-from .run_inputs import COORDINATES, is_number, number_of, numbers_of, scenes_with, shape_of, table_of
+from .run_inputs import COORDINATES, is_number, memory_of, number_of, numbers_of, scenes_with, shape_of, table_of
 
 NOTABLE = 1e-3  # share of the largest part of the gradient below which no part is doubted
 
@@ -32,6 +33,7 @@ class Given(NamedTuple):
     state: Any = None
     reference: Reference | None = None
     tau: Any = None
+    controller: CompiledController | None = None
 
 
 class How(NamedTuple):
@@ -138,7 +140,7 @@ def scale_of(given: Given, name: str) -> np.ndarray:
 
 
 def _shape(given: Given, name: str) -> tuple[int, ...]:
-    return shape_of(given.scene, name, given.reference, given.tau)
+    return shape_of(given.scene, name, given.reference, given.tau, given.controller)
 
 
 def moved_by(given: Given, ends: Mapping[str, np.ndarray], sign: float = 1.0) -> Given:
@@ -151,10 +153,18 @@ def moved_by(given: Given, ends: Mapping[str, np.ndarray], sign: float = 1.0) ->
     for name, step in ends.items():
         if name in ("reference", "tau"):
             moved = moved._replace(**{name: _signal_moved(getattr(given, name), sign * step)})
+        elif name == "controller":
+            moved = moved._replace(controller=with_memory(given.controller, sign * step))
         elif name.startswith("state"):
             y = initial_state(scene) if moved.state is None else numbers_of(moved.state)
             moved = moved._replace(state=_state_moved(scene, y.copy(), name, sign * step))
     return moved
+
+
+def with_memory(controller: CompiledController | None, step: np.ndarray) -> CompiledController:
+    """Return a controller whose memory begins with other numbers."""
+    assert controller is not None
+    return controller.beginning_with(memory_of(controller) + step)
 
 
 def _signal_moved(signal: Any, step: np.ndarray) -> Any:
@@ -178,5 +188,6 @@ def values_of(cost: Callable[..., Any], how: How, runs: list[Given]) -> np.ndarr
     found: list[Trajectory] = simulate_batch(
         [run.scene for run in runs], how.duration, [run.state for run in runs], [run.reference for run in runs],
         [run.tau for run in runs], how.pushes, how.record, how.record_interval, estimate_error=False,
+        controller=[run.controller for run in runs] if any(run.controller for run in runs) else None,
     )  # fmt: skip
     return np.array([np.inf if run.failed else float(cost(run.channels)[0]) for run in found])

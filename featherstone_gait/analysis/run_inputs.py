@@ -23,6 +23,7 @@ from ..core.effects.controller import PID_SPEED
 from ..core.step.state import BY_NAME, IN_STATE, shaped
 from ..run.adjoint import Adjoint
 from ..run.lane_constants import structure
+from ..run.program import CompiledController
 from ..run.reference import Reference
 from ..run.start import initial_state
 from ..run.trajectory import Trajectory
@@ -37,6 +38,7 @@ WIDTH = 1e-3  # of differences of constants, relative to a number; of one that i
 CENTRAL = np.array([1.0, -1.0, 0.5, -0.5]), np.array([-1.0, 1.0, 8.0, -8.0]) / 6.0
 ONE_SIDED = np.array([0.25, 0.5, 0.75, 1.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 3.0
 COORDINATES = ("base_q", "base_qd", "q", "qd")  # whose deviations are not all numbers of the state
+WHOLE_NAMES = ("state", "reference", "tau", "controller", "gravity")
 COLUMNS = 256  # of the map from knots to cubics at a time
 
 Key = tuple[tuple[str, ...], str | None]  # where numbers stand in the constants: fields, and one of the records
@@ -46,7 +48,7 @@ def check_names(scene: CompiledScene, names: Sequence[str]) -> None:
     """Raise ValueError for names that are no parameters of runs of the scene."""
     for name in names:
         first, _, rest = name.partition(".")
-        if name in ("state", "reference", "tau", "gravity") or rest.rpartition(".")[2] in FIELDS.get(first, ()):
+        if name in WHOLE_NAMES or rest.rpartition(".")[2] in FIELDS.get(first, ()):
             continue
         known = [channel.name for channel in IN_STATE if channel.kind in ("coordinates", "controlled", "held")]
         if first == "state" and current_name(rest) in known and np.ptp(scene.part(current_name(rest))):
@@ -54,7 +56,8 @@ def check_names(scene: CompiledScene, names: Sequence[str]) -> None:
         here = ", ".join(one for one in known if np.ptp(scene.part(one)))
         raise ValueError(
             f"parameters: there is no {shown(name)}; use 'state', 'state.' and one of {here}, 'reference', 'tau', "
-            f"'gravity', or a number of Worlds with its section ({', '.join(FIELDS)}), as 'ground.friction'"
+            f"'controller', 'gravity', or a number of Worlds with its section ({', '.join(FIELDS)}), as "
+            "'ground.friction'"
         )
 
 
@@ -211,8 +214,19 @@ def slope(
     return total
 
 
-def shape_of(scene: CompiledScene, name: str, reference: Any, tau: Any) -> tuple[int, ...]:
+def memory_of(controller: CompiledController) -> np.ndarray:
+    """Return the numbers with which the memory of a controller begins (memory,)."""
+    return np.zeros(controller.memory) + controller.first_memory
+
+
+def shape_of(
+    scene: CompiledScene, name: str, reference: Any, tau: Any, controller: CompiledController | None = None
+) -> tuple[int, ...]:
     """Return the shape of the derivatives by a parameter."""
+    if name == "controller":
+        if controller is None:
+            raise ValueError("parameters: 'controller' is one, but none is given: give controller=...")
+        return (controller.memory,)
     if name == "state":
         return (scene.layout["length"],)
     if name.startswith("state."):
@@ -241,6 +255,8 @@ class Pulled:
         self.scene, self.start = adjoint.compiled.scene, adjoint.start
         self.by_state, self.by_key = by_state.copy(), {}
         self.cubics: dict[str, np.ndarray] = {}
+        controller = adjoint.compiled.controller
+        self.by_memory = adjoint.by_kept[: 0 if controller is None else controller.memory].copy()
         for slot in adjoint.slots:
             found = adjoint.derivative(slot)
             if slot.path[0] == "signals":
@@ -281,6 +297,8 @@ class Pulled:
         """Return the derivative by a parameter in its own shape."""
         if name == "state":
             return self.by_state.copy()
+        if name == "controller":
+            return self.by_memory.copy()
         if name.startswith("state."):
             return self._by_channel(current_name(name.removeprefix("state.")))
         if is_number(name):

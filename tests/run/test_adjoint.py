@@ -8,7 +8,16 @@ import math
 import numpy as np
 import pytest
 
-from featherstone_gait import Reference, compile_scene, controller, load_robot, load_scene
+from featherstone_gait import (
+    Reference,
+    RunObjective,
+    compile_scene,
+    controller,
+    gradient,
+    load_robot,
+    load_scene,
+    run_cost,
+)
 from featherstone_gait.geometry.body import body
 from featherstone_gait.model import Joint, Link, Loop, Model, Tendon, Via
 from featherstone_gait.model.placed import Placed
@@ -164,3 +173,20 @@ def test_gains_of_a_compiled_controller():
             return float(np.sum(weights * one.out))
 
         assert derivatives.by_kept[k] == pytest.approx(slope(result, 1e-3), rel=1e-7)
+
+    @run_cost
+    def cost(q):
+        return q[-1, 1] ** 2 + q[-1, 3]
+
+    objective = RunObjective(scene, 0.1, cost, _inputs_of(reference), controller=lean)
+    value, by_gains = objective(gains)
+    alone = gradient(scene, 0.1, cost, ["controller"], reference=reference, controller=lean.beginning_with(gains))
+    assert value == alone.value
+    assert by_gains == pytest.approx(alone["controller"], rel=1e-9)
+    for k, move in enumerate(np.eye(3)):
+        found = slope(lambda way, move=move: objective(gains + way * move)[0], 1e-3)
+        assert by_gains[k] == pytest.approx(found, rel=1e-6, abs=1e-10)
+
+
+def _inputs_of(reference):
+    return lambda x: {"controller": x, "reference": reference}
