@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import floats, functions, instance, listed, real, shown, texts, truth, whole
+from ..base.arguments import finite, floats, functions, instance, listed, real, shown, texts, truth, whole
 from ..base.brief import brief
 from ..run.adjoint import Adjoint
 from ..run.classify import to_trajectory
@@ -388,7 +388,9 @@ class RunObjective:
 
     def __call__(self, x: ArrayLike) -> tuple[float, np.ndarray]:
         """Return the cost and its gradient (n,) at a vector (n,), means over the worlds."""
-        x = np.array(floats("x", x))
+        x = np.array(finite("x", x, (None,), "a vector"))
+        if self.scale.shape not in ((), x.shape):
+            raise ValueError(f"scale has the shape {self.scale.shape}, x {x.shape}; give one size, or one an entry")
         given = self._given(x)
         names = [*given]
         numbers = {name: number[None] for name, number in given.items() if is_number(name)}
