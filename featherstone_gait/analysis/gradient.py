@@ -102,7 +102,7 @@ class Gradient(Mapping[str, np.ndarray]):
         scene = given.scene
         run = simulate(
             scene, how.duration, given.state, given.reference, given.tau, how.pushes, channels_of(scene),
-            scene.timestep, estimate_error=False,
+            scene.timestep, estimate_error=False, controller=given.controller,
         )  # fmt: skip
         return events_in(scene, run)
 
