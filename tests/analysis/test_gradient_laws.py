@@ -243,4 +243,5 @@ def test_a_ball_that_rolls_with_resistance():
     state = initial_state(scene)
     view = scene.state_view(state)
     view.base_qd[0], view.base_qd[4] = 0.5, 5.0
-    agrees(Given(scene, state), of_a_base, ("state.base_qd", "gravity", "ground.friction"), width=1e-5, tolerance=ON_GROUND)
+    names = ("state.base_qd", "gravity", "ground.friction")
+    agrees(Given(scene, state), of_a_base, names, width=1e-5, tolerance=ON_GROUND)
