@@ -16,6 +16,7 @@ import os
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -293,18 +294,27 @@ def _differentiate(given: Given, how: How, cost: Cost, names: Sequence[str]) -> 
     if trajectory.failed:
         nothing = {name: np.full(shape, math.nan) for name, shape in shapes.items()}
         return Gradient(math.inf, nothing, trajectory, (given, how, cost))
-    if cost not in _checked:
+    if not _is_checked(cost):
         check_derivatives(cost, trajectory.channels)
-        _checked.add(cost)
+        with suppress(TypeError):
+            _checked.add(cost)
     value, seeds = seeds_of(cost, run, out, trajectory.channels)
-    pulled = Pulled(adjoint, adjoint.pull(seeds))
-    if reference is None:
-        pulled.hold()
+    pulled = Pulled(adjoint, adjoint.pull(seeds), scene)
+    if reference is None or reference.values.shape[1] == scene.tree.n:
+        pulled.hold(joints=reference is None)
     found = {name: pulled.by(name, reference, tau, given.state is not None) for name in names}
     return Gradient(value, found, trajectory, (given, how, cost))
 
 
 _checked: weakref.WeakSet[Cost] = weakref.WeakSet()
+
+
+def _is_checked(cost: Cost) -> bool:
+    """Return whether the derivatives of a cost have been checked; of one that no set can hold each time anew."""
+    try:
+        return cost in _checked
+    except TypeError:
+        return False
 
 
 def _prepared(scene: CompiledScene, how: How, controller: CompiledController | None) -> CompiledRun:

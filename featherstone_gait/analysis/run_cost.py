@@ -146,6 +146,8 @@ def _checked(cost: Cost, answer: Any, channels: Mapping[str, np.ndarray]) -> tup
     remedy = "return the cost and a dictionary of its derivatives by channel, or decorate it with @run_cost"
     if not (isinstance(answer, tuple) and len(answer) == 2 and is_real(answer[0]) and isinstance(answer[1], Mapping)):
         raise ValueError(f"cost returned {shown(answer)}; {remedy}")
+    if not np.isfinite(answer[0]):
+        raise ValueError(f"cost is {answer[0]} of a run that ended well: correct it, {remedy}")
     found = {}
     for name, given in answer[1].items():
         if name not in channels or name == "time":

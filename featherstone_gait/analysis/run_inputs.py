@@ -25,7 +25,7 @@ from ..run.adjoint import Adjoint
 from ..run.lane_constants import structure
 from ..run.program import CompiledController
 from ..run.reference import Reference
-from ..run.start import initial_state
+from ..run.start import driven_lengths, initial_state
 from ..run.trajectory import Trajectory
 from ..run.worlds import FIELDS, WHOLE, Worlds, nominal
 from ..scene.channels import current_name
@@ -248,11 +248,12 @@ def shape_of(
 class Pulled:
     """Derivatives of a run's cost by its inputs, and by parameters.
 
-    adjoint: after its `pull`, which returned `by_state` (length,).
+    adjoint: after its `pull`, which returned `by_state` (length,); given: the scene as it was given, of which a
+    controller may drive another.
     """
 
-    def __init__(self, adjoint: Adjoint, by_state: np.ndarray) -> None:
-        self.scene, self.start = adjoint.compiled.scene, adjoint.start
+    def __init__(self, adjoint: Adjoint, by_state: np.ndarray, given: CompiledScene) -> None:
+        self.scene, self.start, self.given = adjoint.compiled.scene, adjoint.start, given
         self.by_state, self.by_key = by_state.copy(), {}
         self.cubics: dict[str, np.ndarray] = {}
         controller = adjoint.compiled.controller
@@ -287,11 +288,22 @@ class Pulled:
         else:
             self.by_state[slice(*scene.part("profiled_reference"))] += np.where(of_speed, 0.0, by_error)
 
-    def hold(self) -> None:
-        """Let the reference be the positions at the start, as where none is given."""
+    def hold(self, joints: bool) -> None:
+        """Let the reference be what is there at the start: lengths of driven tendons, and joints if none is given."""
         if "reference" in self.cubics:
             first, end = self.scene.part("q")
-            self.by_state[first:end] += self.cubics["reference"][:, : end - first, 0].sum(axis=0)
+            by_value = self.cubics["reference"][:, :, 0].sum(axis=0)
+            if joints:
+                self.by_state[first:end] += by_value[: end - first]
+            if len(by_value) > end - first:
+                self._hold_tendons(by_value[end - first :])
+
+    def _hold_tendons(self, by_length: np.ndarray) -> None:
+        y = self.start.y
+        for name in ("base_q", "ball_q", "q"):
+            for k in range(*self.scene.part(name)):
+                each = [driven_lengths(self.scene, moved(y, k, share * WIDTH)) for share in CENTRAL[0]]
+                self.by_state[k] += by_length @ slope(each, driven_lengths(self.scene, y), WIDTH)
 
     def by(self, name: str, reference: Any, tau: Any, given_state: bool) -> np.ndarray:
         """Return the derivative by a parameter in its own shape."""
@@ -302,7 +314,7 @@ class Pulled:
         if name.startswith("state."):
             return self._by_channel(current_name(name.removeprefix("state.")))
         if is_number(name):
-            table = table_of(self.scene, name)
+            table = table_of(self.given, name)
             by_scene = [sum(float(np.sum(self.by_key[key] * d)) for key, d in one.items()) for one in table.columns]
             by_start = np.zeros(len(by_scene)) if given_state else np.sum(table.states * self.by_state, axis=1)
             return (np.array(by_scene) + by_start).reshape(table.shape)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.compile.jit import CompilationError
 from ..core.compile.lanes import aligned
 from ..core.compile.taped import ADJOINT, COLUMNS, ENTRY, SPAN, Tape
 from ..core.compile.varying import Varying, varying_fields
@@ -54,12 +55,22 @@ class Adjoint:
         self.compiled, self.start = compiled, start
         constants = [compiled.scene.constants, *(other.scene.constants for other in others)]
         self.merged = merge(constants, 2) if others else constants[0]
-        self.length = len(start.y)
-        self._make(ENTRIES)
+        self.length, self.room = len(start.y), ENTRIES
+        self._make()
 
-    def _make(self, entries: int) -> None:
+    def _make(self) -> None:
+        """Lay out the run on a tape that holds all inputs and `room` entries beside them."""
         one = Vector.of(self.compiled, [self.start], 1)
-        self.tape = Tape(entries)
+        knots = [each for each in (one.run.signals.reference, one.run.signals.torques) if each is not None]
+        inputs = sum(each.cubics.size for each in knots) + _varying_numbers(self.merged)
+        if inputs > MOST_ENTRIES // 2:
+            raise ValueError(
+                f"{self.compiled.scene.model.name}: {inputs} numbers of signals and of the scene are inputs of the "
+                f"gradient; at most {MOST_ENTRIES // 2}: give signals fewer knots, four numbers each"
+            )
+        kept = one.run.signals.program
+        inputs += self.length + (0 if kept is None else kept.memory.size + kept.command.size)
+        self.tape = Tape(min(inputs + self.room, MOST_ENTRIES))
         self.slots: list[Slot] = []
         run = _with_memory(one.run)
         signals = one.run.signals
@@ -192,7 +203,20 @@ class Adjoint:
         if n < len(self.segments) - 1:
             own[-1] = 0.0  # which the next segment begins with
         kernel = pull_back if self.compiled.controller is None else pull_back_controlled
-        return self._fits(kernel(*self._arguments(n, states), own, adjoint))
+        return self._fits(self._call(kernel, *self._arguments(n, states), own, adjoint))
+
+    def _call(self, kernel: Any, *arguments: Any) -> int:
+        """Call a kernel; ValueError where a controller cannot be compiled into it."""
+        try:
+            return kernel(*arguments)
+        except CompilationError as error:
+            if self.compiled.controller is None:
+                raise
+            raise ValueError(
+                f"controller {self.compiled.controller.name}: it has no gradients, for it does not compile for numbers "
+                "that note how they came about: write it as arithmetic, comparisons and functions of math on numbers, "
+                "without new arrays, operations on whole arrays, % and round; Numba's message is above"
+            ) from error
 
     def push(self, tangents: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the tangents of what is recorded (records, channels, count) and of the final state (length, count).
@@ -210,7 +234,7 @@ class Adjoint:
             room = np.empty((len(self.tape.numbers), COLUMNS))
             for n, (first, steps) in enumerate(self.segments):
                 part = out[first // every : (first + steps) // every + 1]
-                if not self._fits(kernel(*self._arguments(n, self._kept(n)), given, along, room, part)):
+                if not self._fits(self._call(kernel, *self._arguments(n, self._kept(n)), given, along, room, part)):
                     break
             else:
                 return out[..., :count], along[: self.length, :count]
@@ -241,10 +265,11 @@ class Adjoint:
         return used < len(self.tape.numbers) - 1
 
     def _grow(self) -> None:
-        entries = 4 * len(self.tape.numbers)
-        if entries > MOST_ENTRIES:
-            raise ValueError(f"{self.compiled.scene.model.name}: a step takes more than {MOST_ENTRIES} operations")
-        self._make(entries)
+        if len(self.tape.numbers) > MOST_ENTRIES:
+            name = self.compiled.scene.model.name
+            raise ValueError(f"{name}: a step takes more than {self.room} operations: split the scene")
+        self.room *= 4
+        self._make()
 
     @property
     def entries(self) -> int:
@@ -278,6 +303,15 @@ def check(compiled: CompiledRun) -> None:
             f"{scene.model.name}: there are no gradients through a compiled controller that may command surfaces: "
             "leave one of both out"
         )
+
+
+def _varying_numbers(merged: Any) -> int:
+    """Return how many numbers of merged constants vary."""
+    if isinstance(merged, Varying):
+        names = merged.values.dtype.names
+        arrays = [merged.values] if names is None else [merged.values[n] for n in varying_fields(merged.values.dtype)]
+        return sum(array.size // 2 for array in arrays)
+    return sum(map(_varying_numbers, merged)) if isinstance(merged, tuple) else 0
 
 
 def taped_zeros(shape: int | tuple[int, ...]) -> np.ndarray:

@@ -228,3 +228,20 @@ def test_an_objective_throws_a_projectile_where_it_is_to_land():
     assert found.fun < 1e-20
     np.testing.assert_allclose(found.x, [1.0 / 0.4, 0.2 / 0.4 + G * 0.4 / 2], rtol=1e-3)
     assert found.nfev < 20
+
+
+def test_more_knots_than_a_tape_holds_at_first(monkeypatch):
+    scene = compile_scene(load_robot("arm7"), integrator="midpoint")
+    times, values = np.linspace(0.0, 0.05, 40), 0.01 * np.random.default_rng(0).standard_normal((40, 7))
+    whole = gradient(scene, 0.05, mixed, ["tau"], tau=Reference(times, values))["tau"]
+    monkeypatch.setattr(adjoint_module, "ENTRIES", 50)
+    assert np.array_equal(gradient(scene, 0.05, mixed, ["tau"], tau=Reference(times, values))["tau"], whole)
+    monkeypatch.setattr(adjoint_module, "MOST_ENTRIES", 1000)
+    with pytest.raises(ValueError, match=r"1092 numbers of signals.* at most 500: give signals fewer knots"):
+        gradient(scene, 0.05, mixed, ["tau"], tau=Reference(times, values))
+
+
+def test_a_cost_that_is_no_number_is_refused():
+    scene = compile_scene(load_robot("arm7"), integrator="midpoint")
+    with pytest.raises(ValueError, match="cost is nan of a run that ended well"):
+        gradient(scene, 0.05, lambda channels: (math.nan, {}), ["tau"], tau=np.zeros(7), record=("q",))

@@ -10,6 +10,7 @@ from scenes import box, box_on, pendulum, resting
 
 from featherstone_gait import (
     Ground,
+    HeightField,
     Push,
     Reference,
     Sphere,
@@ -21,9 +22,10 @@ from featherstone_gait import (
     load_robot,
     load_servo,
     run_cost,
+    simulate,
 )
 from featherstone_gait.analysis.gradient_check import Given, How, moved_by, scale_of, values_of
-from featherstone_gait.model import Controller, Gearbox, Joint, Link, Mimic, Model, Servo
+from featherstone_gait.model import Controller, Gearbox, Joint, Link, Mimic, Model, Servo, Tendon
 
 pytestmark = pytest.mark.long
 WIDTH, AGREE = 2e-5, 1e-8
@@ -130,6 +132,31 @@ SERVOS = {
 def test_a_servo(name):
     make, how, numbers = SERVOS[name]
     agrees(make(**how), of_joints, (*ALWAYS, "reference", *numbers))
+
+
+def test_a_servo_that_goes_the_short_way_round():
+    model = pendulum(damping=0.02)
+    joint = replace(model.joints[0], type="continuous", lower=-math.inf, upper=math.inf)
+    servo = load_servo("ax12", **SMOOTH, wrap=True)
+    scene = compile_scene(
+        replace(model, joints=(joint,), servos={"hinge": servo}), "rotor", integrator="midpoint", timestep=1e-3
+    )
+    ahead = Reference(np.linspace(0.0, 0.06, 4), np.array([[3.03], [3.05], [3.08], [3.1]]), "cubic")
+    given = Given(scene, initial_state(scene, [3.0], [0.7]), ahead)
+    agrees(given, of_joints, ("state.q", "state.qd", "reference", "servos.Kp"), tolerance=ON_GROUND)
+
+
+def test_a_driven_tendon_without_a_reference_holds_the_length_at_the_start():
+    inertia = (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)
+    links = [Link(name, 1.0, (0.0, 0.0, -0.1), inertia) for name in ("base", "upper", "lower")]
+    joints = [
+        Joint("shoulder", "revolute", "base", "upper", axis=(0.0, 1.0, 0.0)),
+        Joint("elbow", "revolute", "upper", "lower", xyz=(0.0, 0.0, -0.2), axis=(0.6, 0.8, 0.0)),
+    ]
+    pull = Tendon("pull", [("shoulder", 0.05), ("elbow", 0.03)], controller=Controller("pd", 400.0, Kd=2.0))
+    model = Model("driven", tuple(links), tuple(joints), tendons=[pull])
+    scene = compile_scene(model, integrator="midpoint", timestep=1e-3)
+    agrees(Given(scene, initial_state(scene, [0.3, -0.2], [0.5, 0.2])), of_joints, ("state.q", "state.qd"))
 
 
 @pytest.mark.parametrize("law", ["pd", "pd_clamped"])
@@ -248,3 +275,21 @@ def test_a_ball_that_rolls_with_resistance():
     view.base_qd[0], view.base_qd[4] = 0.5, 5.0
     names = ("state.base_qd", "gravity", "ground.friction")
     agrees(Given(scene, state), of_a_base, names, width=1e-5, tolerance=ON_GROUND)
+
+
+def test_a_slope_written_as_a_height_field():
+    x = np.linspace(-2.0, 2.0, 81)
+    field = HeightField(np.repeat((0.2 * x)[:, None], 81, 1), (0.05, 0.05), (-2.0, -2.0))
+    scene = box_on(Ground(friction=0.3, penetration=1e-3, field=field), "midpoint", 1e-3, box())
+    start = initial_state(scene)
+    scene.state_view(start).base_qd[0] = 0.3
+    settled = simulate(scene, 0.2, start, record=("base_q",), estimate_error=False).final
+
+    @run_cost
+    def height(base_q):
+        return base_q[-1, 2]
+
+    found = gradient(scene, 0.1, height, ["state.base_q"], settled)["state.base_q"]
+    assert found[0] == pytest.approx(0.192, abs=1e-3)  # the slope, but for what friction takes
+    given = Given(scene, settled)
+    agrees(given, height, ("state.base_q", "state.base_qd"), duration=0.05, width=1e-5, tolerance=ON_GROUND)

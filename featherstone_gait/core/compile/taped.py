@@ -91,7 +91,7 @@ def _helper(builder, name, kinds, build):
 
 
 def _note(builder, function, number, operands, slopes):
-    """End a helper: return the number with a new entry if it depends on an operand; slopes None: they are ones."""
+    """End a helper: return the number, with a new entry if it depends on an operand."""
     zero = ir.Constant(_WORD, 0)
     whole = operands[0] if len(operands) == 1 else builder.or_(*operands)
     with builder.if_then(builder.icmp_unsigned("==", whole, zero), likely=False):

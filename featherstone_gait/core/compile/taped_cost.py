@@ -190,7 +190,13 @@ class TapedFunction:
         if self.call is None:
             raise NotImplementedError("derivatives of costs need compiled kernels: unset NUMBA_DISABLE_JIT")
         while True:
-            tape = Tape(self.entries + sum(array.size for array in arrays))
+            total = sum(array.size for array in arrays)
+            if total + self.entries > MOST:
+                raise ValueError(
+                    f"cost: it takes {total} numbers and more than {self.entries // 4} operations; both together may "
+                    f"be {MOST}: record fewer channels, or less often"
+                )
+            tape = Tape(self.entries + total)
             given, firsts = [], []
             for array, taped in zip(arrays, self.taped):
                 memory = np.ascontiguousarray(array, dtype=float)
@@ -202,8 +208,6 @@ class TapedFunction:
             value, last = self.call(*given)
             if tape.first < len(tape.numbers) - 1:
                 break
-            if self.entries > MOST // 4:
-                raise ValueError(f"cost: more than {MOST // 4} operations; record fewer channels, or less often")
             self.entries *= 4
         if last:
             tape.numbers[last, ADJOINT] = 1.0

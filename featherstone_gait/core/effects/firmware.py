@@ -21,6 +21,7 @@ import numpy as np
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select, sign_beyond
 from ..compile.structure import record, structure
+from ..compile.taped import constant
 
 BAND = record(
     compliance_margin=float,  # [rad], of PID_SPEED [rad/s]
@@ -59,7 +60,7 @@ def short_way(wrap, angle, i):
     if wrap is None:
         return angle
     turns = angle / TURN
-    whole = (turns + ROUND) - ROUND
+    whole = constant((turns + ROUND) - ROUND)
     whole = whole - select(turns - whole <= -0.5, 1.0 + 0.0 * turns, 0.0 * turns)
     return select(wrap[i] > 0.0, angle - whole * TURN, angle)
 

@@ -15,6 +15,7 @@ from ..compile.by_type import NoneType, by_type, overridable
 from ..compile.jit import entry, inline
 from ..compile.lanes import any_lane, clamp, gather, select, sqrt
 from ..compile.structure import record, structure
+from ..compile.taped import constant
 from ..tree.spatial import add, choose, cross, dot, load3, store3, vector
 from .touch import deepest_point, reach
 
@@ -167,7 +168,7 @@ def _stencil(u, nodes):
     """Return the nearest node, the weights of it and its neighbors, and their derivatives by u [cells]."""
     last = nodes + 0.25
     u = select(u > 0.75, select(u < last, u, last), 0.75)  # NaN is not greater either
-    i = (u + _ROUND) - _ROUND
+    i = constant((u + _ROUND) - _ROUND)
     v = u - i
     up, d_up = _ramp(v)
     down, d_down = _ramp(-v)

@@ -201,7 +201,6 @@ def note(run, y, plain, noted, k):
             theta = first_theta
         t = time_of(plan, k - 1)
         _renew(plain.scene.pairs, y, plain, noted, before)
-        _renew(plain.scene.pairs, y, plain, noted, before)
         take_step(plain.work, plain, noted.state, t, theta)
         for i in range(len(y)):
             noted.state[i] = value_of(y[i])
