@@ -115,7 +115,7 @@ def run_cost(function: Callable[..., float]) -> RunCost:
     return RunCost(function, tuple(name for name in names if name in BY_NAME or name == "time"))
 
 
-Cost: TypeAlias = "RunCost | Callable[[Mapping[str, np.ndarray]], tuple[float, Mapping[str, Any]]]"
+Cost: TypeAlias = RunCost | Callable[[Mapping[str, np.ndarray]], tuple[float, Mapping[str, Any]]]
 
 
 def record_of(cost: Cost, record: Any) -> Any:
