@@ -650,7 +650,7 @@ function layer(plot) {  // all that does not move
     g.fillText(t.toFixed(places), X(t), box.y + box.h + 13);
   }
   g.textAlign = "left";
-  g.fillText("time [s]", box.x + box.w + 18, box.y + box.h + 13);
+  g.fillText("s", box.x + box.w + 12, box.y + box.h + 13);
   g.fillText((lines[0] ? plot.name + " [" + lines[0].c.unit + "]" : ""), box.x, 11);
   for (const run of data.runs) if (run.failed) {
     g.fillStyle = colors.bad;
@@ -695,12 +695,12 @@ function drawPlot(plot) {
   const top = box.y, bottom = box.y + box.h + 2;  // labels at the height of their values, moved apart
   labels.forEach((label, k) => { label.at = Math.max(label.y, k ? labels[k - 1].at + 12 : top); });
   for (let k = labels.length - 1, last = bottom; k >= 0; k--) { labels[k].at = Math.min(labels[k].at, last); last = labels[k].at - 12; }
-  g.font = "11px system-ui, sans-serif";
+  g.font = (box.w < 250 ? "10px" : "11px") + " system-ui, sans-serif";
   for (const { line, value, y, at } of labels) {
     g.fillStyle = line.color;
     g.beginPath(); g.arc(X(Math.min(state.time, line.run.end)), y, 2.5, 0, 2 * Math.PI); g.fill();
     const dashed = line.r && plot.column < 0 ? "- " : "";
-    g.fillText(dashed + line.label.replaceAll("_", " ") + " " + short(value), box.x + box.w + 6, at + 3, 145);
+    g.fillText(dashed + line.label.replaceAll("_", " ") + " " + short(value), box.x + box.w + 6, at + 3, plot.canvas.clientWidth - box.x - box.w - 8);
   }
 }
 
@@ -848,7 +848,7 @@ function steer(canvas) {
 }
 
 const TOGGLES = [["follow", "C", "follow", !data.together && data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces || r.pairs)],
-  ["prints", "P", "footprints", data.runs.some(r => r.points)], ["rays", "R", "rays", data.runs.some(r => r.rays)], ["load", "L", "servo load", data.runs.some(r => r.load)],
+  ["prints", "P", "footprints", data.runs.some(r => r.points)], ["rays", "R", "rays", data.runs.some(r => r.rays)], ["load", "L", "load", data.runs.some(r => r.load)],
   ["ghosts", "G", "ghosts", data.runs.length > 1 && !data.together]].filter(toggle => toggle[3]);
 const buttons = {};
 function toggle(name) {

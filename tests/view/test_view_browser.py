@@ -8,7 +8,7 @@ from featherstone_gait import Ground
 from featherstone_gait.view.page import page_html, render
 from featherstone_gait.view.recorded import Seen
 
-SIZES = ((1280, 720), (375, 667), (800, 420))
+SIZES = ((1280, 720), (375, 667), (800, 420), (320, 568))
 
 PIXELS = """
 const pixels = c => {  // read from a copy, as the browser advises
@@ -23,10 +23,14 @@ const rect = id => document.getElementById(id).getBoundingClientRect(), told = {
 viewer.show();
 told.wide = document.documentElement.scrollWidth - innerWidth;
 told.controls = rect("controls").bottom - innerHeight;
-told.hidden = [...document.querySelectorAll("#controls button, #controls select")].filter(e => {
+const least = innerWidth <= 600 || innerHeight <= 500 ? 40 : 30;  // fingers need 40 pixels
+told.hidden = [...document.querySelectorAll("#controls button, #controls select, #time")].filter(e => {
   const r = e.getBoundingClientRect();
-  return r.right > innerWidth || r.bottom > innerHeight + 0.5 || r.width < 20 || r.height < 24;
+  const high = e.id === "time" ? 16 : least;
+  return r.right > innerWidth || r.bottom > innerHeight + 0.5 || r.width < least - 2 || r.height < high;
 }).map(e => e.textContent);
+const ofPlots = [...document.querySelectorAll("#plots button, #plots select")];
+told.small = ofPlots.filter(e => e.getBoundingClientRect().height < least - 4).length;
 told.play = rect("play").width * rect("play").height;
 told.picture = [...document.querySelectorAll("#views canvas")].map(c => {
   const d = pixels(c), seen = new Set();
@@ -158,6 +162,7 @@ def test_picture_and_controls_are_in_sight(seen, size):
     assert look["wide"] <= 0
     assert look["controls"] <= 0.5
     assert look["hidden"] == []
+    assert look["small"] == 0
     assert look["play"] > 1000
     assert look["names"] == 0
     assert len(look["picture"]) == 2
