@@ -48,6 +48,7 @@ def add(commands: Commands) -> None:
     parser.option("--png", "write a folder of PNG files instead of a page", False)
     parser.option("--speed", "playing speed of movies and PNG; 0.1 is slow motion", 1.0, metavar="X")
     parser.option("--fps", "frames per second of movies and PNG", 25.0, metavar="N")
+    parser.option("--mesh-limit", "size of full meshes in a page [MB]; larger ones are simplified", 4.0, metavar="MB")
     parser.option("--open", "open the page in a browser", False)
 
 
@@ -100,7 +101,7 @@ def run(args: Namespace) -> int:
         live.wait()
         return 0
     path = args.out / f"{names[0]}_view.html"
-    page = show(runs[0], robot, *runs[1:], path=path, **how)
+    page = show(runs[0], robot, *runs[1:], path=path, mesh_limit=args.mesh_limit, **how)
     for run, caption in zip(runs, captions):
         print(f"{caption}: {run.status}{': ' if run.message else ''}{run.message}")
     print(f"file        {path}, {len(page.html) / 1e6:.2g} MB")

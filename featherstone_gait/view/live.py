@@ -40,7 +40,7 @@ from .visuals import Piece, pieces, round_up
 
 INSTALL = "a live page needs viser: pip install featherstone-gait[viser]"
 RATE, PLOT_RATE = 40.0, 10.0  # frames a second at most, of the picture and of the plots
-TRIANGLES = 200_000  # of the meshes of all runs together
+TRIANGLES = 1_000_000  # of the meshes of all runs together
 CORNERS = 48  # of a circle
 GHOST = 0.35  # opacity of runs that are seen through the first
 SPEEDS = ("0.02", "0.05", "0.1", "0.25", "0.5", "1", "2", "5")

@@ -12,8 +12,8 @@ const still = media("(prefers-reduced-motion: reduce)").matches;
 const start = Math.min(...data.runs.map(run => run.times[0]));
 const end = Math.max(...data.runs.map(run => Math.max(run.end, run.times.at(-1))));
 const view = { yaw: -1.1, pitch: 0.3, span: data.span, pan: [0, 0, 0] };
-const shown = { follow: true, forces: true, prints: true, rays: true, load: false, ghosts: data.ghosts && data.runs.length > 1 };
-const state = { time: start, playing: !still && end > start, dirty: true };
+const shown = { follow: true, forces: true, prints: true, rays: true, load: false, meshes: true, ghosts: data.ghosts && data.runs.length > 1 };
+const state = { time: start, playing: !still && end > start, dirty: true, touched: -Infinity, drawn: -Infinity };
 const frames = [];          // how long each of the last frames took to draw [ms]
 let colors = {};
 
@@ -230,6 +230,7 @@ function cut(face, heights, s, above) {  // the part of a face on one side of a 
 }
 
 function robot(g, cam, model, at, { tint, pale, ratio }, level = 0, above = 0) {  // above: 1 or -1, of what is over or below a level alone
+  if (shown.meshes && gl && model.array && !(slow && moving())) { fullRobot(g, cam, model, at, { tint, pale }, level, above); return; }
   const faces = [], L = [0.29, -0.42, 0.86];
   model.bodies.forEach((body, b) => {
     const p = at[b], x = body.points, s = body.screen, n = body.normals;
@@ -276,6 +277,137 @@ function robot(g, cam, model, at, { tint, pale, ratio }, level = 0, above = 0) {
     g.strokeStyle = body.smooth ? style : colors.edge;
     g.stroke();
   }
+}
+
+// ------------------------------------------------------------------------------------------- full meshes
+
+const STILL = 300;  // after which a picture counts as still [ms]
+const glass = document.createElement("canvas");  // WebGL draws a robot here, and the picture takes it from here
+const wanted = data.models.some(model => model.full);
+let gl = wanted ? glass.getContext("webgl2", { failIfMajorPerformanceCaveat: true }) : null, pen = null;
+const slow = wanted && !gl;  // without a graphics processor: still pictures alone are drawn in full
+if (slow) gl = glass.getContext("webgl2");
+const moving = () => state.playing || performance.now() - state.touched < STILL;
+glass.addEventListener("webglcontextlost", () => { gl = null; state.dirty = true; });
+
+const VERTEX = `#version 300 es
+in vec3 where; in vec3 outward;
+uniform vec3 low, size, place, eye, right, up, back; uniform mat3 turn; uniform vec3 lens;  // two scales and near
+out vec3 point, normal;
+void main() {
+  point = turn * (low + size * where) + place;
+  normal = turn * outward;
+  vec3 q = point - eye;
+  float depth = -dot(back, q), n = lens.z, f = 4000.0 * n;
+  gl_Position = vec4(lens.x * dot(right, q), lens.y * dot(up, q), (depth * (f + n) - 2.0 * f * n) / (f - n), depth);
+}`;
+const FRAGMENT = `#version 300 es
+precision highp float;
+in vec3 point, normal;
+uniform vec3 eye, color; uniform float level, above;
+out vec4 seen;
+void main() {
+  if (above * (point.z - level) < 0.0) discard;
+  vec3 n = normalize(normal);
+  n = dot(n, eye - point) < 0.0 ? -n : n;
+  seen = vec4(min(color * (0.73 + 0.31 * dot(n, vec3(0.29, -0.42, 0.86))), 1.0), 1.0);
+}`;
+
+function program() {
+  const made = gl.createProgram();
+  for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+    const shader = gl.createShader(kind);
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    gl.attachShader(made, shader);
+  }
+  gl.bindAttribLocation(made, 0, "where");
+  gl.bindAttribLocation(made, 1, "outward");
+  gl.linkProgram(made);
+  if (!gl.getProgramParameter(made, gl.LINK_STATUS)) return null;  // then simplified meshes are drawn
+  const names = ["low", "size", "place", "eye", "right", "up", "back", "turn", "lens", "color", "level", "above"];
+  return { made, at: Object.fromEntries(names.map(name => [name, gl.getUniformLocation(made, name)])) };
+}
+
+async function unpack(full) {  // as packed by view/full_mesh.py: vertices of six short numbers, and corners
+  const packed = Uint8Array.from(atob(full.data), c => c.charCodeAt(0));
+  const flow = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const bytes = new Uint8Array(await new Response(flow).arrayBuffer());
+  const count = full.pieces.reduce((n, piece) => n + piece.points, 0), corners = full.pieces.reduce((n, piece) => n + 3 * piece.triangles, 0);
+  const vertices = new Int16Array(6 * count), steps = new Uint16Array(vertices.buffer), order = new Uint32Array(corners);
+  let at = 0, first = 0, begin = 0;
+  for (const piece of full.pieces) {
+    const n = piece.points, m = 3 * piece.triangles, sum = new Float32Array(3 * n);
+    for (let k = 0; k < 3; k++) for (let i = 0, x = 0; i < n; i++) {
+      x += bytes[at + k * n + i] | bytes[at + (3 + k) * n + i] << 8;
+      steps[6 * (first + i) + k] = x;
+    }
+    at += 6 * n;
+    for (let i = 0, x = 0; i < m; i++) {
+      x += bytes[at + i] | bytes[at + m + i] << 8 | bytes[at + 2 * m + i] << 16 | bytes[at + 3 * m + i] << 24;
+      order[begin + i] = first + x;
+    }
+    at += 4 * m;
+    const p = (i, k) => piece.size[k] * steps[6 * i + k];
+    for (let i = begin; i < begin + m; i += 3) {  // normals of triangles, by their areas
+      const [a, b, c] = [order[i], order[i + 1], order[i + 2]];
+      const ux = p(b, 0) - p(a, 0), uy = p(b, 1) - p(a, 1), uz = p(b, 2) - p(a, 2);
+      const vx = p(c, 0) - p(a, 0), vy = p(c, 1) - p(a, 1), vz = p(c, 2) - p(a, 2);
+      for (const j of [a, b, c]) {
+        const o = 3 * (j - first);
+        sum[o] += uy * vz - uz * vy; sum[o + 1] += uz * vx - ux * vz; sum[o + 2] += ux * vy - uy * vx;
+      }
+    }
+    for (let i = 0; i < n; i++) {
+      const length = Math.hypot(sum[3 * i], sum[3 * i + 1], sum[3 * i + 2]) || 1;
+      for (let k = 0; k < 3; k++) vertices[6 * (first + i) + 3 + k] = 32767 * sum[3 * i + k] / length;
+    }
+    Object.assign(piece, { begin, pale: gray(piece.color) });
+    first += n; begin += m;
+  }
+  return { vertices, order };
+}
+
+async function prepare(model) {
+  const { vertices, order } = await unpack(model.full);
+  pen = pen || program();
+  const array = gl.createVertexArray();
+  gl.bindVertexArray(array);
+  gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+  gl.bufferData(gl.ARRAY_BUFFER, vertices, gl.STATIC_DRAW);
+  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+  gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, order, gl.STATIC_DRAW);
+  gl.enableVertexAttribArray(0);
+  gl.enableVertexAttribArray(1);
+  gl.vertexAttribPointer(0, 3, gl.UNSIGNED_SHORT, true, 12, 0);
+  gl.vertexAttribPointer(1, 3, gl.SHORT, true, 12, 6);
+  model.array = pen && array;
+  state.dirty = true;
+}
+
+function fullRobot(g, cam, model, at, { tint, pale }, level, above) {
+  if (glass.width !== cam.w || glass.height !== cam.h) { glass.width = cam.w; glass.height = cam.h; }
+  const u = pen.at;
+  gl.viewport(0, 0, cam.w, cam.h);
+  gl.clearColor(0, 0, 0, 0);
+  gl.enable(gl.DEPTH_TEST);
+  gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+  gl.useProgram(pen.made);
+  gl.bindVertexArray(model.array);
+  for (const name of ["eye", "right", "up", "back"]) gl.uniform3fv(u[name], cam[name]);
+  gl.uniform3f(u.lens, 2 * cam.focus / cam.w, 2 * cam.focus / cam.h, cam.near);
+  gl.uniform1f(u.level, level);
+  gl.uniform1f(u.above, above);
+  for (const piece of model.full.pieces) {
+    const p = at[piece.body], color = tint && tint(piece.body) || (pale ? piece.pale : piece.color);
+    gl.uniform3fv(u.low, piece.low);
+    gl.uniform3fv(u.size, piece.size);
+    gl.uniform3f(u.place, p[0], p[1], p[2]);
+    gl.uniformMatrix3fv(u.turn, true, p.slice(3));
+    gl.uniform3f(u.color, color[0] / 255, color[1] / 255, color[2] / 255);
+    gl.drawElements(gl.TRIANGLES, 3 * piece.triangles, gl.UNSIGNED_INT, 4 * piece.begin);
+  }
+  g.drawImage(glass, 0, 0);
 }
 
 const veil = document.createElement("canvas");
@@ -459,7 +591,7 @@ function fit() {  // pictures get what the window leaves, so that the controls a
   const plots = innerHeight > 640 && data.plots.length ? 196 : 0;
   for (const { canvas } of panels) {
     const room = (innerHeight - around - plots) / rows - rest;
-    canvas.style.height = Math.round(Math.max(110, Math.min(0.8 * canvas.clientWidth, room))) + "px";
+    canvas.style.height = Math.round(Math.max(110, Math.min((innerWidth <= 600 ? 1.2 : 0.8) * canvas.clientWidth, room))) + "px";
   }
   plotLayers();
   state.dirty = true;
@@ -778,7 +910,7 @@ function report({ lead, tiles, sections }) {
 
 // ------------------------------------------------------------------------------------------- time
 
-function go(t) { state.time = Math.min(end, Math.max(start, t)); state.playing = false; state.dirty = true; }
+function go(t) { state.time = Math.min(end, Math.max(start, t)); state.playing = false; touch(); }
 function play() { if (!state.playing && state.time >= end) state.time = start; state.playing = !state.playing; state.dirty = true; }
 function frameStep(n) {
   const times = data.runs.reduce((a, run) => run.times.length > a.length ? run.times : a, []);
@@ -788,7 +920,7 @@ function frameStep(n) {
 }
 
 function show() {
-  const begun = performance.now();
+  const begun = state.drawn = performance.now();
   panels.forEach(drawPanel);
   plots.forEach(drawPlot);
   $("time").value = state.time;
@@ -807,6 +939,7 @@ function tick(now) {
     state.dirty = true;
   }
   last = now;
+  if (slow && state.touched > state.drawn - STILL && !moving()) state.dirty = true;
   if (state.dirty) { state.dirty = false; show(); }
   requestAnimationFrame(tick);
 }
@@ -820,12 +953,13 @@ function preset(name) {
   Object.assign(view, { span: data.span, pan: [0, 0, 0] });
   state.dirty = true;
 }
-function turn(right, up) { view.yaw -= right; view.pitch = Math.min(1.55, Math.max(0, view.pitch + up)); state.dirty = true; }
-function zoom(factor) { view.span = Math.min(200 * data.span, Math.max(0.05 * data.span, view.span * factor)); state.dirty = true; }
+function touch() { state.touched = performance.now(); state.dirty = true; }
+function turn(right, up) { view.yaw -= right; view.pitch = Math.min(1.55, Math.max(0, view.pitch + up)); touch(); }
+function zoom(factor) { view.span = Math.min(200 * data.span, Math.max(0.05 * data.span, view.span * factor)); touch(); }
 function move(canvas, dx, dy) {
   const cam = camera(canvas.clientWidth, canvas.clientHeight, [0, 0, 0]);
   view.pan = view.pan.map((x, k) => x + (cam.up[k] * dy - cam.right[k] * dx) / cam.pixels);
-  state.dirty = true;
+  touch();
 }
 function rate(by) { const s = $("rate"); s.selectedIndex = Math.min(s.length - 1, Math.max(0, s.selectedIndex - by)); state.dirty = true; }
 
@@ -849,7 +983,7 @@ function steer(canvas) {
 
 const TOGGLES = [["follow", "C", "follow", !data.together && data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces || r.pairs)],
   ["prints", "P", "footprints", data.runs.some(r => r.points)], ["rays", "R", "rays", data.runs.some(r => r.rays)], ["load", "L", "load", data.runs.some(r => r.load)],
-  ["ghosts", "G", "ghosts", data.runs.length > 1 && !data.together]].filter(toggle => toggle[3]);
+  ["meshes", "M", "full meshes", gl], ["ghosts", "G", "ghosts", data.runs.length > 1 && !data.together]].filter(toggle => toggle[3]);
 const buttons = {};
 function toggle(name) {
   if (!buttons[name]) return;
@@ -877,7 +1011,7 @@ if (data.runs.length) document.addEventListener("keydown", event => {
     ",": () => frameStep(-1), ".": () => frameStep(1), Home: () => go(start), End: () => go(end), "[": () => rate(-1), "]": () => rate(1),
     1: () => preset("corner"), 2: () => preset("side"), 3: () => preset("front"), 4: () => preset("top"),
     "+": () => zoom(0.85), "=": () => zoom(0.85), "-": () => zoom(1 / 0.85), c: () => toggle("follow"), f: () => toggle("forces"),
-    p: () => toggle("prints"), r: () => toggle("rays"), l: () => toggle("load"), g: () => toggle("ghosts"), "?": help,
+    p: () => toggle("prints"), r: () => toggle("rays"), l: () => toggle("load"), m: () => toggle("meshes"), g: () => toggle("ghosts"), "?": help,
   };
   const turned = turns[key.length > 1 ? key : key.toLowerCase()];
   const act = turned && (sky || key.length === 1) ? () => turn(...turned) : does[key.length > 1 ? key : key.toLowerCase()];
@@ -913,6 +1047,7 @@ preset(asked.get("view"));
 if (asked.has("t") && Number.isFinite(Number(asked.get("t")))) go(Number(asked.get("t")));
 if (data.report) report(data.report);
 $("controls").hidden = !data.runs.length;
+if (gl) models.filter(model => model.full).forEach(model => prepare(model).catch(error => console.warn("full meshes: " + error)));
 if (data.runs.length) {
   arrange();
   data.plots.forEach(addPlot);
@@ -921,4 +1056,4 @@ if (data.runs.length) {
   media("(prefers-color-scheme: dark)").addEventListener("change", () => { readColors(); plotLayers(); state.dirty = true; });
   requestAnimationFrame(tick);
 }
-window.viewer = { data, view, shown, state, frames, plots, show, go, preset };
+window.viewer = { data, ready: () => models.every(model => !model.full || model.array), view, shown, state, frames, plots, show, go, preset };

@@ -17,10 +17,10 @@ from ..base.arguments import instance
 from ..base.files import FilePath, complete
 from ..model import Ground, Model
 from ..run.trajectory import Trajectory
-from .recorded import Seen, page_data
+from .recorded import MESHES, Seen, page_data
 
 HEIGHT = 620  # of a page in a notebook [pixel]
-MOST_BYTES = 5_000_000  # of a page
+MOST_BYTES = 5_000_000  # of a page without its full meshes
 
 
 class Page:
@@ -61,22 +61,25 @@ def render(title: str, data: Mapping[str, Any]) -> str:
     files = (Path(__file__).with_name(f"page.{kind}") for kind in ("html", "css", "js"))
     html, style, script = (file.read_text("utf-8") for file in files)
     page = Template(html).substitute(title=escape(title), style=style, script=script, data=text)
-    if len(page.encode()) > MOST_BYTES:
+    size = len(page.encode()) - sum(len(model["full"]["data"]) for model in data.get("models", ()) if model["full"])
+    if size > MOST_BYTES:
         raise ValueError(
-            f"the page would have {len(page.encode())} bytes; at most {MOST_BYTES}: show fewer runs or robots at once"
+            f"the page would have {size} bytes beside full meshes; at most {MOST_BYTES}: show fewer runs or robots at "
+            "once"
         )
     return page
 
 
 def page_html(
-    runs: Mapping[str, Seen], title: str, plots: Sequence[str] = (), ghosts: bool = False, together: bool = False
-) -> str:
+    runs: Mapping[str, Seen], title: str, plots: Sequence[str] = (), ghosts: bool = False, together: bool = False,
+    mesh_limit: float = MESHES,
+) -> str:  # fmt: skip
     """Make the page of runs by caption.  Raises ValueError as `recorded.page_data` and `render`."""
     for caption in runs:
         instance("runs: caption", caption, str, "give a text")
     if not runs:
         raise ValueError("runs is empty; give one run at least")
-    return render(title, page_data(runs, plots, ghosts, together))
+    return render(title, page_data(runs, plots, ghosts, together, mesh_limit))
 
 
 def write_animation(path: FilePath, model: Model, runs: Mapping[str, Trajectory], title: str = "") -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from ..run.sensors import in_world
 from ..run.trajectory import Trajectory, positions
 from ..scene.channels import column_of, joint_labels, unit_of
 from ..scene.contact import ground_under, plane_axes
-from .visuals import FACES, Body, Piece, bodies, side_of, sided
+from .full_mesh import full_meshes
+from .visuals import FACES, ROUND, Body, Piece, bodies_of, read, side_of, sided
 
 FRAME = 0.04  # [s] at least; the page draws straight lines between frames
 POSES, PLOTTED = 400_000, 120_000  # numbers of all runs together, so that a page stays below 5 MB
+MESHES = 4.0  # of a page [MB]
 SAMPLES = 800  # of a channel in a plot
 TURN = 1e-4  # of the quaternions in the page
 FINE = 5e-5  # of the largest length: unit of lengths in the page
@@ -64,15 +66,18 @@ class Seen:
 
 
 def page_data(
-    runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool = False, together: bool = False
-) -> dict[str, Any]:
+    runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool = False, together: bool = False,
+    mesh_limit: float = MESHES,
+) -> dict[str, Any]:  # fmt: skip
     """Collect the data of a page from runs by caption, of which `together` makes one picture.
+
+    mesh_limit: size of all meshes that are in the page in full [MB].
 
     Raises ValueError if channels are missing that say where the robot is, and for a robot that has nothing to draw.
     """
     robots = {id(seen.model): seen.model for seen in runs.values()}
-    looks = {key: bodies(model, FACES // len(runs)) for key, model in robots.items()}
-    found = [looks[id(seen.model)][0] for seen in runs.values()]
+    looks = {key: _look(model, FACES // len(runs), 1e6 * mesh_limit / len(robots)) for key, model in robots.items()}
+    found = [looks[id(seen.model)].bodies for seen in runs.values()]
     poses = [sampled(seen) for seen in runs.values()]
     boxes = [corners_of(seen.model, p, f) for seen, p, f in zip(runs.values(), poses, found)]
     if together:  # one box about all that all of them pass through
@@ -85,7 +90,7 @@ def page_data(
     data: dict[str, Any] = {
         "unit": unit,
         "turn": TURN,
-        "models": [_robot(model, looks[key][0], unit) for key, model in robots.items()],
+        "models": [_robot(model, looks[key], unit) for key, model in robots.items()],
         "runs": [
             {"caption": caption, "model": [*robots].index(id(seen.model))} | _run(seen, p, f, box, unit, len(runs))
             for (caption, seen), p, f, box in zip(runs.items(), poses, found, boxes)
@@ -94,7 +99,7 @@ def page_data(
         "plots": list(plots),
         "ghosts": ghosts,
         "together": together,
-        "notes": list(dict.fromkeys(note for _, notes in looks.values() for note in notes)),
+        "notes": list(dict.fromkeys(note for look in looks.values() for note in look.notes)),
     }
     known_channels([run["channels"] for run in data["runs"]], plots)
     return data
@@ -112,8 +117,25 @@ def known_channels(runs: Sequence[Mapping[str, Any]], plots: Sequence[str]) -> l
 # ---------------------------------------------------------------------------------------------- robots
 
 
-def _robot(model: Model, found: list[Body], unit: float) -> dict[str, Any]:
+class Look(NamedTuple):
+    """A robot as a page draws it: simplified, and in full where that differs."""
+
+    bodies: list[Body]
+    full: dict[str, Any] | None
+    notes: list[str]
+
+
+def _look(model: Model, most: int, limit: float) -> Look:
+    """Convert a robot to `most` faces, and to its full meshes in at most `limit` bytes."""
+    found = read(model, ROUND)
+    simple = bodies_of(found, most)
+    full, note = full_meshes(found, [body.link for body in simple], most, limit)
+    return Look(simple, full, [*found.notes, *filter(None, [note])])
+
+
+def _robot(model: Model, look: Look, unit: float) -> dict[str, Any]:
     """Describe a robot and its bodies, points in whole units; equal colors are written once."""
+    found = look.bodies
     places = {body.link: k for k, body in enumerate(found)}
     packed = []
     for body in found:
@@ -134,6 +156,7 @@ def _robot(model: Model, found: list[Body], unit: float) -> dict[str, Any]:
         "joints": [{"name": joint.name, "body": places.get(joint.child, -1)} for joint in model.moving_joints],
         "moves": model.base == "floating",
         "bodies": packed,
+        "full": look.full,
     }
 
 

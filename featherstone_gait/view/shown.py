@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..base import arguments
-from ..base.arguments import instance, shown, texts, truth
+from ..base.arguments import instance, real, shown, texts, truth
 from ..base.files import FilePath
 from ..base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ..model import FloorLine, Ground, Joint, Link, Model
@@ -28,7 +28,7 @@ from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from .live import Live, serve
 from .page import Page, page_html
-from .recorded import Seen
+from .recorded import MESHES, Seen
 from .style import in_notebook
 
 OF_WORLD = "world/"  # no link of a robot in a scene has such a name
@@ -43,6 +43,7 @@ def show(
     plots: Sequence[str] = (),
     ghosts: bool = False,
     path: FilePath | None = None,
+    mesh_limit: float = MESHES,
 ) -> Page:
     """Show a motion as a page to play: inline in a notebook, elsewhere as an HTML file that opens without network.
 
@@ -64,6 +65,9 @@ def show(
         Draw all runs in one picture.
     path : path, optional
         Of the file; by default ROBOT_view.html in the current folder, and none in a notebook.
+    mesh_limit : float
+        Size that the robots' full meshes may have in the page [MB].  Larger ones are simplified, and the page says so.
+        0: the page has only what a browser without WebGL draws, some 8000 triangles.
 
     Returns
     -------
@@ -76,7 +80,8 @@ def show(
         comes with captions, ghosts or others.
     """
     together, seen = _one_or_many([trajectory, *others], robot, captions, plots, ghosts)
-    page = Page(page_html(*seen, truth("ghosts", ghosts), together))
+    mesh_limit = real("mesh_limit", mesh_limit, 0.0, 1e3, "[MB]")
+    page = Page(page_html(*seen, truth("ghosts", ghosts), together, mesh_limit))
     if path is not None:
         page.save(arguments.path("path", path))
     elif not in_notebook():

@@ -53,14 +53,33 @@ class Piece(NamedTuple):
     opacity: float
 
 
+class Read(NamedTuple):
+    """The parts of each visible link, before any mesh is simplified."""
+
+    name: str
+    source: str
+    links: list[tuple[str, list[_Part]]]
+    notes: list[str]  # what could not be read
+
+    @property
+    def triangles(self) -> int:
+        """Number of triangles of all meshes."""
+        return sum(len(part.faces) for _, parts in self.links for part in parts if part.mesh >= 0)
+
+
 def bodies(model: Model, most: int = FACES) -> tuple[list[Body], list[str]]:
     """Convert each visible link to faces; return them and notes about what could not be read.
 
     most: approximate number of triangles of all meshes together.  Raises ValueError for a robot none of whose links has
     a shape or an inertia.
     """
-    found, notes = _found(model, most, ROUND)
-    return [_joined(name, parts) for name, parts in found], notes
+    found = read(model, ROUND)
+    return bodies_of(found, most), found.notes
+
+
+def bodies_of(found: Read, most: int) -> list[Body]:
+    """Convert each link that was read to faces."""
+    return [_joined(name, parts) for name, parts in _simple(found, most)]
 
 
 def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str]]:
@@ -68,37 +87,48 @@ def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str
 
     most: as in `bodies`; corners: number of corners of a circle.
     """
-    found, notes = _found(model, most, corners)
-    made = [
+    found = read(model, corners)
+    return pieces_of(found, most), found.notes
+
+
+def pieces_of(found: Read, most: int) -> list[Piece]:
+    """Convert each link that was read to triangles."""
+    return [
         Piece(name, *creased(part.points, fans(part.faces)), part.color, part.opacity)
-        for name, parts in found
+        for name, parts in _simple(found, most)
         for part in parts
     ]
-    return made, notes
 
 
-def _found(model: Model, most: int, corners: int) -> tuple[list[tuple[str, list[_Part]]], list[str]]:
-    """Find the parts of each visible link, and notes: visuals, else collision shapes, else the box of its inertia."""
+def read(model: Model, corners: int) -> Read:
+    """Read the parts of each visible link: its visuals, else its collision shapes, else the box of its inertia."""
     seen, notes = read_visuals(model)
     solid: dict[str, list[Visual]] = {}
     for shape in model.shapes:
         visual = Visual(shape.geometry, rotation_from_rpy(shape.rpy), np.array(shape.xyz))
         solid.setdefault(shape.link, []).append(visual)
-    found, read = [], dict[str, list[MeshPart]]()  # mesh files, which several links may have
+    found, meshes = [], dict[str, list[MeshPart]]()  # mesh files, which several links may have
     for link in model.links:
         if seen and link.name not in seen:
             continue  # a file that says what is seen says it of all links
         shapes = (each.get(link.name, ()) for each in (seen, solid))
-        parts = next(filter(None, (_parts(own, link.name, corners, read, notes) for own in shapes)), [])
+        parts = next(filter(None, (_parts(own, link.name, corners, meshes, notes) for own in shapes)), [])
         if not parts and max(link.inertia, default=0.0) > 0.0:
             parts = [_Part(*_box(link), sided(link.name), False)]
         if parts:
             found.append((link.name, parts))
-    size = sum(_size(np.concatenate([part.points for part in mesh])) for _, parts in found for mesh in _meshes(parts))
-    simple = [(name, [*_simplified(parts, most, size)]) for name, parts in found]
+    return Read(model.name, str(model.source), found, [*dict.fromkeys(notes)])
+
+
+def _simple(found: Read, most: int) -> list[tuple[str, list[_Part]]]:
+    """Simplify the meshes of all links to about as many triangles; leave them as they are if they have no more."""
+    if found.triangles <= most:
+        most = found.triangles * 10**6  # so that no mesh has less than it needs
+    size = sum(_size(np.concatenate([p.points for p in mesh])) for _, parts in found.links for mesh in _meshes(parts))
+    simple = [(name, [*_simplified(parts, most, size)]) for name, parts in found.links]
     if not any(parts for _, parts in simple):
-        raise ValueError(f"{model.name}: no link has a shape or an inertia; there is nothing to draw")
-    return [(name, parts) for name, parts in simple if parts], [*dict.fromkeys(notes)]
+        raise ValueError(f"{found.name}: no link has a shape or an inertia; there is nothing to draw")
+    return [(name, parts) for name, parts in simple if parts]
 
 
 def _parts(

@@ -21,13 +21,13 @@ def browser():
 
 
 def found_in(page, script, folder, *flags, sizes=((1280, 720),)):
-    """What `script`, the body of a function that returns something, finds in the page in frames of these sizes.
+    """What `script`, the body of a function, returns in the page in frames of these sizes; also of a promise.
 
     Also what the console was told, which is nothing if all is well.
     """
     told = (
-        "<script>try { parent.postMessage(JSON.stringify((() => {" + script + "})()), '*'); }"
-        " catch (error) { parent.postMessage(JSON.stringify('error: ' + error.stack), '*'); }</script></body>"
+        "<script>(async () => { try { parent.postMessage(JSON.stringify(await (() => {" + script + "})()), '*'); }"
+        " catch (error) { parent.postMessage(JSON.stringify('error: ' + error.stack), '*'); } })();</script></body>"
     )
     inner = page.replace("</body>", told)
     frames = "".join(
