@@ -23,7 +23,7 @@ from ..core.integrate.adjoint import (
     push_forward,
     push_forward_controlled,
 )
-from ..core.integrate.rollout import OK, rollout_one
+from ..core.integrate.rollout import rollout_one
 from ..core.tree.residual import ROOM
 from .compiled_run import CompiledRun, RunInput, Vector
 from .lane_constants import has_varying, merge
@@ -132,11 +132,6 @@ class Adjoint:
             pieces.append(states[:: plan.per_sample][: None if last else steps // plan.per_sample, self.plain.channels])
         self.final, self.states, self.kept_last = y, states, self.kept
         return np.concatenate(pieces)
-
-    @property
-    def ended(self) -> bool:
-        """Whether the run has failed before its end."""
-        return bool(self.final[self.compiled.scene.layout["status"]] != OK)
 
     def _first_kept(self) -> np.ndarray:
         """Return the numbers that a controller keeps besides the state, as they are at the start."""

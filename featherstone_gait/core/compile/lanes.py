@@ -314,6 +314,8 @@ def array_over(context, builder, kind, source, shape, strides):
     result.shape, result.strides = cgutils.pack_array(builder, shape, intp), cgutils.pack_array(builder, strides, intp)
     result.itemsize = context.get_constant(types.intp, kind.dtype.bitwidth // 8)
     result.nitems = functools.reduce(builder.mul, shape, context.get_constant(types.intp, 1))
+    for name in ("meminfo", "parent"):  # it is no owner, in functions that count references either
+        setattr(result, name, cgutils.get_null_value(getattr(result, name).type))
     return result._getvalue()
 
 

@@ -110,7 +110,7 @@ class Recorder:
 
 
 class _Writer:
-    """What makes the code of one level and keeps it."""
+    """Generate the machine code of one processor level, and write it to the store."""
 
     def __init__(self, folder, level):
         self.folder = folder

@@ -7,11 +7,12 @@ A. Griewank and A. Walther, Evaluating Derivatives, 2008, section 3.2).
 
 A value is a float64 and the address of its entry, 0 of a constant.  The tape lies at a multiple of `SPAN`, so that each
 address tells where it begins; its first entry has the address of the next free one, how far that moves, and where the
-tape ends, its second where a `relay` stands.  What depends on no input, or not to first order, gets no entry.
+tape ends; its second has the place of an external function, see `begin_external`.  What depends on no input, or not to
+first order, gets no entry.
 
 Arrays of taped numbers are float64 arrays with a last axis of two, value and address; constants that are inputs are
-`Varying`, as those that differ by lane.  A branch that a kernel
-takes by a comparison or by `select` is differentiated as it was taken.
+`Varying`, as those that differ by lane.  A branch that a kernel takes by a comparison or by `select` is differentiated
+as it was taken.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from .varying import varying_viewer
 SPAN = 1 << 26  # [bytes] of which a tape begins at a multiple, and which it does not exceed
 ENTRY = 32  # [bytes]: two int32, how far the operands' entries are from the first; two derivatives; the adjoint
 FIRST, SECOND, ADJOINT = 1, 2, 3  # columns of the derivatives and of the adjoint
-RELAY, RELAYED = 0, 1  # columns of the second entry: where a relay stands, and how many numbers it takes
+EXTERNAL, SIZE = 0, 1  # columns of the second entry: where an external function stands, and how many numbers it takes
 ONE = 0x3FF0000000000000  # the bits of 1.0
 COLUMNS = 8  # tangents that go on together
 
@@ -76,7 +77,7 @@ def _cast(context, builder, fromty, toty, value):
 
 
 def _helper(builder, name, kinds, build):
-    """Call the function `name` of the module, which `build` makes where the module does not have it."""
+    """Return the function `name` of the module; `build` makes it where the module does not have it yet."""
     module = builder.module
     try:
         function = module.get_global(name)
@@ -159,8 +160,6 @@ def _of_two(builder, function):
 
 
 _BINARY = {"add": _sum(1), "sub": _sum(-1), "mul": _product, "truediv": _quotient}
-
-
 _PLAIN = {"add": ir.IRBuilder.fadd, "sub": ir.IRBuilder.fsub, "mul": ir.IRBuilder.fmul, "truediv": ir.IRBuilder.fdiv}
 
 
@@ -250,6 +249,12 @@ def _overload_value_of(x):
 
 
 @intrinsic
+def on_the_tape(typingctx, x):
+    """Return a number as a taped one, a constant if it is none."""
+    return Taped(x), lambda context, builder, sig, args: context.cast(builder, args[0], sig.args[0], Taped)
+
+
+@intrinsic
 def entry_of(typingctx, x):
     """Return the address of the entry of a taped value, 0 of a constant."""
 
@@ -288,7 +293,7 @@ def chained_by_two(typingctx, x, y, number, slope_x, slope_y):
     return signature(Taped, Taped, Taped, types.float64, types.float64, types.float64), codegen
 
 
-_as_taped = lanes.viewing(Taped)
+taped_view = lanes.viewing(Taped)
 
 
 def as_taped(array):
@@ -297,9 +302,9 @@ def as_taped(array):
 
 
 @overload(as_taped, jit_options=INNER)
-def _overload_as_taped(array):
+def _overloadtaped_view(array):
     if isinstance(array, types.Array) and array.dtype == types.float64 and array.layout == "C":
-        return lambda array: _as_taped(array)
+        return lambda array: taped_view(array)
     return None
 
 
@@ -416,7 +421,7 @@ def begin(words, first):
     base = words[0, 2] & -SPAN
     words[0, 0] = base + first * ENTRY
     words[0, 1] = ENTRY
-    words[1, RELAY] = 0
+    words[1, EXTERNAL] = 0
 
 
 @inline
@@ -494,24 +499,24 @@ def tape_of(array):
 
 
 @inline
-def begin_relay(tape, count):
-    """Begin a relay of `count` numbers: entries for them, which `relay` fills, and as many after them of what follows.
+def begin_external(tape, count):
+    """Reserve entries for `count` arguments of an external function, which `pass_external` fills, and for its results.
 
-    What follows is a function that the tape does not know: who sweeps stops there, and takes the adjoints on.
+    Its operations are not on the tape: whoever sweeps stops there and computes the adjoints of the arguments.
     """
     at = _peek(tape, 0)
     if at + 2 * count * ENTRY <= _peek(tape, 2):
         _poke(tape, 0, at + 2 * count * ENTRY)
-        _poke(tape + ENTRY, RELAY, at)
-        _poke(tape + ENTRY, RELAYED, count)
+        _poke(tape + ENTRY, EXTERNAL, at)
+        _poke(tape + ENTRY, SIZE, count)
     else:
         _poke(tape, 0, _peek(tape, 2))
     return at
 
 
 @inline
-def relay(tape, at, count, k, x, number):
-    """Let number k of a relay be x, and return what follows from all as number k, of this value."""
+def pass_external(tape, at, count, k, x, number):
+    """Make x argument k of an external function, and return its result k, of this value."""
     if at + 2 * count * ENTRY > _peek(tape, 2):
         return with_entry(number, 0)
     entry, after = at + k * ENTRY, at + (count + k) * ENTRY

@@ -8,39 +8,26 @@ import operator
 
 import numpy as np
 from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic, overload, register_jitable
+from numba.extending import overload, register_jitable
 
 from . import elementary
 from .jit import INLINE, JIT, checked, entry
-from .lanes import array_over, sqrt
-from .taped import ADJOINT, Tape, Taped, chained, chained_by_two, entry_of, place_of, sweep, value_of
+from .lanes import sqrt
+from .taped import (
+    ADJOINT,
+    Tape,
+    Taped,
+    chained,
+    chained_by_two,
+    entry_of,
+    on_the_tape,
+    place_of,
+    sweep,
+    taped_view,
+    value_of,
+)
 
 ENTRIES, MOST = 2**16, 2**21 - 2  # of a tape at first, and at most
-
-
-@intrinsic
-def seen_as_taped(typingctx, array):
-    """View a float64 array (..., 2) as taped numbers (...), in functions that count references: it is no owner."""
-    seen = types.Array(Taped, array.ndim - 1, "C")
-
-    def codegen(context, builder, sig, args):
-        source = context.make_array(sig.args[0])(context, builder, args[0])
-        shape, strides = (cgutils.unpack_tuple(builder, x)[:-1] for x in (source.shape, source.strides))
-        view = context.make_array(seen)(
-            context, builder, value=array_over(context, builder, seen, source, shape, strides)
-        )
-        for name in ("meminfo", "parent"):
-            setattr(view, name, cgutils.get_null_value(getattr(view, name).type))
-        return view._getvalue()
-
-    return seen(array), codegen
-
-
-@intrinsic
-def on_the_tape(typingctx, x):
-    """Return a number as a taped one, a constant if it is none."""
-    return Taped(x), lambda context, builder, sig, args: context.cast(builder, args[0], sig.args[0], Taped)
 
 
 def _of_one(functions, change):
@@ -180,8 +167,8 @@ class TapedFunction:
         if JIT:
             inner = checked(function)
             names = [f"a{k}" for k in range(len(taped))]
-            given = ", ".join(f"seen_as_taped({name})" if is_taped else name for name, is_taped in zip(names, taped))
-            scope = {"function": inner, "seen_as_taped": seen_as_taped, "ended": _ended}
+            given = ", ".join(f"taped_view({name})" if is_taped else name for name, is_taped in zip(names, taped))
+            scope = {"function": inner, "taped_view": taped_view, "ended": _ended}
             exec(f"def call({', '.join(names)}):\n    return ended(function({given}))", scope)
             self.call = checked(scope["call"])
 

@@ -22,8 +22,8 @@ from ..compile.structure import structure
 from ..compile.taped import (
     ADJOINT,
     COLUMNS,
-    RELAY,
-    RELAYED,
+    EXTERNAL,
+    SIZE,
     add_adjoint,
     as_input,
     as_taped,
@@ -31,6 +31,7 @@ from ..compile.taped import (
     entry_of,
     input_at,
     on_tape,
+    on_the_tape,
     place_of,
     push_on,
     sweep,
@@ -84,7 +85,7 @@ def _pull(run, y, plain, noted, seeds, adjoint):
         for i in range(len(y)):
             add_adjoint(noted.numbers, y[i], adjoint[i])
         for i in range(kept_count(program)):
-            add_adjoint(noted.numbers, 0.0 * y[0] + kept_number(program, i), adjoint[len(y) + i])
+            add_adjoint(noted.numbers, on_the_tape(kept_number(program, i)), adjoint[len(y) + i])
         _sweep_back(run, plain, noted)
         most = max(most, used(noted.words))
         for i in range(len(adjoint)):
@@ -121,7 +122,7 @@ def _push(run, y, plain, noted, directions, tangents, room, out):
                 for c in range(COLUMNS):
                     tangents[i, column + c] = room[at, c]
             for i in range(kept_count(program)):
-                at = place_of(entry_of(0.0 * y[0] + kept_number(program, i)))
+                at = place_of(entry_of(on_the_tape(kept_number(program, i))))
                 for c in range(COLUMNS):
                     tangents[len(y) + i, column + c] = room[at, c]
         if k % plan.per_sample == 0:
@@ -138,9 +139,9 @@ pull_back_controlled, push_forward_controlled = entry_of_process(pull), entry_of
 
 @inline
 def _sweep_back(run, plain, noted):
-    """Sweep over the whole tape, at a relay through the factors that the step has left."""
+    """Sweep over the whole tape; the external function in it is a solution in the factors that the step has left."""
     numbers, links, words = noted.numbers, noted.links, noted.words
-    at, count, end = place_of(words[1, RELAY]), words[1, RELAYED], used(words)
+    at, count, end = place_of(words[1, EXTERNAL]), words[1, SIZE], used(words)
     if at > 0:
         sweep(numbers, links, at + 2 * count, end)
         for i in range(count):
@@ -155,7 +156,7 @@ def _sweep_back(run, plain, noted):
 @inline
 def _push_on(plain, noted, first, directions):
     numbers, links, words = noted.numbers, noted.links, noted.words
-    at, count, end = place_of(words[1, RELAY]), words[1, RELAYED], used(words)
+    at, count, end = place_of(words[1, EXTERNAL]), words[1, SIZE], used(words)
     if at > 0:
         push_on(numbers, links, first, at + count, directions)
         for c in range(COLUMNS):

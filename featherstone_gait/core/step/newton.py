@@ -27,7 +27,7 @@ from ..compile.by_type import overridable
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
 from ..compile.optional import any_present, if_present, item_or_zero, only_if, plus_item, slice_if
-from ..compile.taped import begin_relay, constant, noting, relay, tape_of, value_of
+from ..compile.taped import begin_external, constant, noting, pass_external, tape_of, value_of
 from ..effects.actuator import actuator_force, rotor_of
 from ..effects.ball_spring import place_ball_springs, plus_ball_spring
 from ..effects.contact import (
@@ -254,17 +254,17 @@ def _note_residual(floating, contact, wrench, step):
     moment, force = residual(tree, None, Z[TAU], Z[DIAGONAL], wrench, contact, Z[DA], W)
     count = n + count_of_base(floating)
     tape = tape_of(step.y)
-    at = begin_relay(tape, count)
+    at = begin_external(tape, count)
     for i in range(1, n + 1):
         j = tree[i].dof
-        Z[DA, j] = relay(tape, at, count, j, W[i, UU], value_of(Z[DA, j]))
+        Z[DA, j] = pass_external(tape, at, count, j, W[i, UU], value_of(Z[DA, j]))
     if floating is not None:
         for k in range(3):
-            W[0, U + k] = relay(tape, at, count, n + k, moment[k], value_of(W[0, U + k]))
-            W[0, U + 3 + k] = relay(tape, at, count, n + 3 + k, force[k], value_of(W[0, U + 3 + k]))
+            W[0, U + k] = pass_external(tape, at, count, n + k, moment[k], value_of(W[0, U + k]))
+            W[0, U + 3 + k] = pass_external(tape, at, count, n + 3 + k, force[k], value_of(W[0, U + 3 + k]))
     for i in range(1, n + 1):
         b = tree[i]
-        accelerate(b, i, load3(W, b.parent, U), load3(W, b.parent, U + 3), Z[DA, b.dof], W)
+        accelerate(b, i, load3(W, b.parent, U), load3(W, b.parent, U + 3), Z[DA, b.dof], W, W, U)
 
 
 @if_present(0)

@@ -184,4 +184,4 @@ def acceleration_pass(tree, part, W, qdd):
         dn, df = load3(W, b.parent, U), load3(W, b.parent, U + 3)
         a = (W[i, UU] - (dot(load3(W, i, U), dn) + dot(load3(W, i, U + 3), df))) * W[i, DINV]
         qdd[b.dof] = a
-        accelerate(b, i, dn, df, a, W)
+        accelerate(b, i, dn, df, a, W, W, U)

@@ -12,7 +12,7 @@ joint's 3 x 3 matrix D.
 
 from ..compile.elementary import sincos
 from ..compile.jit import inline
-from .layout import BALL, BALL_AXIS, PRISMATIC, SCREW, A, P, R, U, V
+from .layout import BALL, BALL_AXIS, PRISMATIC, SCREW, A, P, R, V
 from .spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, store9, sub, symmetric
 
 
@@ -174,22 +174,15 @@ def along(b, i, n, f, W):
 
 
 @inline
-def accelerated(b, i, dn, df, qdd, W):
-    """Return dA = dA_parent + S qdd; dA_parent = [dn; df]."""
+def accelerate(b, i, dn, df, qdd, W, out, column):
+    """Store dA = dA_parent + S qdd in row i of `out`, from a column on; dA_parent = [dn; df]."""
     s = _axis(i, W)
     if b.kind == PRISMATIC:
-        n, f = dn, add(df, scale(s, qdd))
+        store3(out, i, column, dn)
+        store3(out, i, column + 3, add(df, scale(s, qdd)))
     else:
-        n, f = add(dn, scale(s, qdd)), add(df, scale(_lever(b, i, s, W), qdd))
-    return n, f
-
-
-@inline
-def accelerate(b, i, dn, df, qdd, W):
-    """Store dA = dA_parent + S qdd; dA_parent = [dn; df]."""
-    n, f = accelerated(b, i, dn, df, qdd, W)
-    store3(W, i, U, n)
-    store3(W, i, U + 3, f)
+        store3(out, i, column, add(dn, scale(s, qdd)))
+        store3(out, i, column + 3, add(df, scale(_lever(b, i, s, W), qdd)))
 
 
 @inline

@@ -564,7 +564,7 @@ def move_by(part, tree, loop, span, force, scratch, W, out):
         dn, df = load3(W, b.parent, U), load3(W, b.parent, U + 3)
         a = (u - (dot(load3(factors, i, 0), dn) + dot(load3(factors, i, 3), df))) * W[i, DINV]
         out[b.dof] = a
-        accelerate(b, i, dn, df, a, W)
+        accelerate(b, i, dn, df, a, W, W, U)
 
 
 @inline

@@ -9,7 +9,7 @@ from ..compile.jit import inline, kernel
 from ..compile.optional import plus_item
 from .aba import root_inertia
 from .forest import is_fixed, rows_of
-from .joint import accelerate, accelerated, along
+from .joint import accelerate, along
 from .layout import DINV, SF, SH, SJ, SM, TOUCH, UU, A, U, V
 from .rigid_body import center_velocity, mass_center
 from .spatial import (
@@ -41,7 +41,7 @@ def residual(tree, part, tau, diagonal, wrench, contact, qdd, W):
     root, end = rows_of(part, tree)
     for i in range(root + 1, end):
         b = tree[i]
-        accelerate(b, i, load3(W, b.parent, U), load3(W, b.parent, U + 3), qdd[b.dof], W)
+        accelerate(b, i, load3(W, b.parent, U), load3(W, b.parent, U + 3), qdd[b.dof], W, W, U)
     for k in range(1, end - root):
         i = end - k
         b = tree[i]
@@ -107,9 +107,7 @@ def solve_in_factors(tree, part, base_q, contact, room, W, forces, at, out):
         dn, df = load3(room, b.parent, 0), load3(room, b.parent, 3)
         x = (room[i, 6] - (dot(load3(W, i, U), dn) + dot(load3(W, i, U + 3), df))) * W[i, DINV]
         out[at + b.dof] += x
-        m, g = accelerated(b, i, dn, df, x, W)
-        store3(room, i, 0, m)
-        store3(room, i, 3, g)
+        accelerate(b, i, dn, df, x, W, room, 0)
 
 
 @inline
