@@ -279,7 +279,11 @@ def _over_threads(work: Callable[[Given], Gradient], runs: list[Given], threads:
     if min(many, len(runs)) <= 1:
         return [*map(work, runs)]
     with ThreadPoolExecutor(min(many, len(runs))) as pool:
-        return list(pool.map(work, runs))
+        try:
+            return list(pool.map(work, runs))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # after Ctrl-C or an error no further run begins
+            raise
 
 
 def _differentiate(given: Given, how: How, cost: Cost, names: Sequence[str]) -> Gradient:
@@ -318,9 +322,7 @@ def _is_checked(cost: Cost) -> bool:
 
 
 def _prepared(scene: CompiledScene, how: How, controller: CompiledController | None) -> CompiledRun:
-    return prepare(
-        scene, how.duration, how.record, how.record_interval, pushes=how.pushes, controller=controller
-    )
+    return prepare(scene, how.duration, how.record, how.record_interval, pushes=how.pushes, controller=controller)
 
 
 def _others(given: Given, how: How, names: Sequence[str]) -> list[CompiledRun]:
