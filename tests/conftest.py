@@ -51,7 +51,7 @@ def pytest_configure(config):
 
 def pytest_runtest_setup(item):
     if time.time() > float(os.environ.get(DEADLINE, "inf")):
-        pytest.skip("no time was left")
+        pytest.skip("the time given by --minutes is over; `pytest -m long` without it runs this test")
 
 
 @pytest.hookimpl(tryfirst=True)
