@@ -27,7 +27,7 @@ NOTABLE = 1e-3  # share of the largest part of the gradient below which no part 
 
 
 class Given(NamedTuple):
-    """What one run is given, as `simulate` is."""
+    """Inputs of one run, as arguments of `simulate`."""
 
     scene: CompiledScene
     state: Any = None
@@ -37,7 +37,7 @@ class Given(NamedTuple):
 
 
 class How(NamedTuple):
-    """What all runs have in common."""
+    """Arguments that all runs share."""
 
     duration: float
     pushes: Sequence[Any]

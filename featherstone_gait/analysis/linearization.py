@@ -549,10 +549,14 @@ def _model(
     outputs: tuple[str, ...],
     period: float,
     computed: tuple[np.ndarray, np.ndarray, np.ndarray],
-    kinks: tuple[np.ndarray, _Columns | None, np.ndarray],
+    jumping: tuple[np.ndarray, _Columns | None, np.ndarray],
 ) -> Linearization:
-    """Return the linear model of values, errors and end state; kinks: columns, their differences, where they jump."""
-    (value, error, end), (which, found, jumps), n = computed, kinks, chart.states
+    """Assemble the linear model.
+
+    computed: values (rows, columns), errors and the state at the end; jumping: the columns that were examined for
+    discontinuities, their differences, and where (rows, columns) left and right differ.
+    """
+    (value, error, end), (which, found, jumps), n = computed, jumping, chart.states
     names, _ = _named(system.scene, chart, tuple(system.signals))
     labels = (*chart.names[:n], *_labels(system.scene, outputs, system.compiled.channels))
     discontinuities = []

@@ -177,6 +177,6 @@ def check_derivatives(cost: Cost, channels: Mapping[str, np.ndarray]) -> None:
         if all(abs(one - exact) > OFF * max(size, abs(one)) for one in each):
             warnings.warn(
                 f"cost: along a random change of {name!r} it changes by {each[0]:.6g}, by its derivatives {exact:.6g}: "
-                "correct these, unless it has a kink here",
+                "correct these, unless the cost is not differentiable here",
                 stacklevel=2,
             )

@@ -49,7 +49,7 @@ def difference(f, width):
 
 
 def agree(found, f, width, tolerance=1e-8):
-    """Whether a derivative is that by differences, which converge."""
+    """Assert that a derivative equals extrapolated differences, and that these have converged."""
     by_difference, _ = difference(f, width)
     finer, _ = difference(f, 0.5 * width)
     size = max(abs(found), 1e-9)

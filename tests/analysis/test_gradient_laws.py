@@ -58,7 +58,7 @@ def of_a_base(time, base_q, base_qd):
 
 
 def agrees(given, cost, names, duration=0.06, pushes=(), width=WIDTH, tolerance=AGREE):
-    """Whether derivatives along a random change of each parameter are those of differences, of order 6."""
+    """Assert that derivatives along a random change of each parameter equal differences of order 6."""
     record = tuple(name for name in cost.channels if name != "time")
     how = How(duration, pushes, record, None)
     found = gradient(
