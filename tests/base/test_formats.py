@@ -2,19 +2,20 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
 
 import numpy as np
 import pytest
 
-from featherstone_gait import Trajectory, __version__
+from featherstone_gait import Trajectory, __version__, load_robot
 from featherstone_gait.base.files import Format, read_csv, write_csv
 from featherstone_gait.benchmark import precision
 from featherstone_gait.identification import Recording, read_recording, write_recording
 from featherstone_gait.search import minimize
 from featherstone_gait.study import read_study, run_study
-from featherstone_gait.walking import read_angles, write_angles, write_goal_positions
+from featherstone_gait.walking import read_angles, read_motion, write_angles, write_goal_positions
 
 OLD = Path(__file__).parents[1] / "files_0_1"  # written by version 0.1
 RUN = Trajectory({"time": np.zeros(1)}, "ok", "", 0.5, np.zeros(3), parts={"q": (0, 2), "qd": (2, 3)})
@@ -98,6 +99,32 @@ def test_an_old_study_of_the_same_program_goes_on(tmp_path):
     log.write_text("\n".join([json.dumps(content), *lines, ""]))
     outcome = run_study(study, tmp_path)
     assert (outcome.computed, outcome.table.read_bytes()) == (0, table)
+
+
+def test_an_old_study_is_read_and_its_log_is_not_mixed_with_the_runs_of_another_program(tmp_path):
+    copytree(OLD, tmp_path / "old")
+    with pytest.warns(DeprecationWarning, match=r"servo\.ratio is now gearbox\.ratio"):
+        study = read_study(tmp_path / "old" / "study.toml")
+    old = (tmp_path / "old" / "study.jsonl").read_bytes()
+    with pytest.raises(ValueError, match=r"study\.jsonl: was begun with .*delete the file to begin anew"):
+        run_study(study, tmp_path / "old")
+    assert (tmp_path / "old" / "study.jsonl").read_bytes() == old
+
+
+def test_an_old_gait_opens():
+    names = load_robot("humanoid", locked="simplified").joint_names
+    motion = read_motion(OLD / "gait.npz", names)
+    with np.load(OLD / "gait.npz") as data:
+        assert np.array_equal(motion.poses, data["poses"])
+        walked = np.concatenate([motion.start, motion.stride])
+        assert np.allclose(walked, data["angles"][: len(walked)], rtol=0, atol=1e-12)
+    assert (motion.joint_names, motion.poses.shape, motion.tick) == (names, (4, 10), 0.04)
+
+
+def test_an_old_robot_loads_as_the_one_that_was_saved():
+    old, now = load_robot(OLD / "arm.urdf"), load_robot("ax12_arm")
+    servo = replace(now.servos["elbow"], stick_speed=0.0)  # which 0.1 did not write: its friction creeped everywhere
+    assert (old.links, old.joints, old.servos, old.base) == (now.links, now.joints, {"elbow": servo}, now.base)
 
 
 # ---------------------------------------------------------------------------------------------- formats
