@@ -1,6 +1,7 @@
 """Make the pictures of docs/index.md and docs/gallery.md: `python docs/images/gallery.py [NAME ...]`.
 
-Each program of these pages writes a page by `show`.  A headless Chromium draws the frames of that page, which become an animated WebP.
+Each program of these pages writes a page by `show`.  A headless Chromium draws its frames, which become an
+animated WebP.
 """
 
 import base64
