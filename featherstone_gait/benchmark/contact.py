@@ -45,7 +45,7 @@ from ..model.shapes import Box, Sphere
 from ..run.classify import to_trajectory
 from ..run.prepare import prepare
 from ..run.simulate import initial_state
-from ..scene.compile import compile_scene
+from ..scene.compile import IntegratorName, compile_scene
 from ..scene.external import Push
 from ..view.style import COLORS, look, subplots
 from .engines import Lazy, mujoco, quick_mujoco
@@ -320,6 +320,7 @@ RESTING = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4)  # steps of bodies that do not bo
 BOUNCING = (1e-2, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5)  # ... and of those that do
 LOOSE = (1e-1, 1e-2, 1e-3, 1e-4)
 TIGHT = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
+RESTS: tuple[IntegratorName, ...] = ("implicit_euler", "midpoint", "ars343")
 
 
 def methods(test: Trial) -> Iterator[Method]:
@@ -329,7 +330,7 @@ def methods(test: Trial) -> Iterator[Method]:
             settings: Sequence[float] = TIGHT if INTEGRATORS[name].adaptive else BOUNCING
             yield Method(f"ours {name}", settings, partial(our_run, test, name, SINKS))
     else:
-        for name in ("implicit_euler", "midpoint", "ars343")[: 2 if len(test.pieces) > MANY else 3]:
+        for name in RESTS[: 2 if len(test.pieces) > MANY else 3]:
             settings = LOOSE if INTEGRATORS[name].adaptive else RESTING
             for depth in test.depths:
                 yield Method(f"ours {name}, {depth:.0e} m", settings, partial(our_run, test, name, depth))
@@ -345,7 +346,7 @@ def methods(test: Trial) -> Iterator[Method]:
             yield Method(f"Bullet {sweeps}", steps, partial(bullet_run, test, sweeps))
 
 
-def our_run(test: Trial, integrator: str, depth: float, setting: float) -> Once:
+def our_run(test: Trial, integrator: IntegratorName, depth: float, setting: float) -> Once:
     """Prepare a run in this package."""
     members = tuple(
         Placed(body(piece.shape, piece.mass, name=f"p{k}"), position=piece.position)

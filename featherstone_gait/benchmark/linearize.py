@@ -33,11 +33,12 @@ from ..model import Ground, Model
 from ..robot_file import load_robot
 from ..robot_file.mjcf.write import mjcf_text
 from ..run.simulate import initial_state
-from ..scene.compile import GearboxKind, compile_scene
+from ..scene.compile import GearboxKind, IntegratorName, compile_scene
 from .engines import check_order, disable, mujoco, quick_mujoco
 from .table import in_turn, installed, machine, spread, tabulate
 
 REPEATS, REPEATS_FULL = 11, 41
+METHODS: tuple[IntegratorName, ...] = ("implicit_euler", "midpoint")
 GEARBOXES: tuple[GearboxKind, ...] = ("rotor", "mipsd")
 STEP = 1e-3  # [s]
 USUAL, WIDE = 1e-6, 2e-4  # widths of MuJoCo's differences, as usual and of the larger one that is extrapolated from
@@ -111,7 +112,7 @@ def _standing(model: Model) -> list[Prepared]:
         for _ in range(SETTLING):
             mujoco.mj_step(m, d)
         prepared.append(_mujoco_timer("standing", m, d, STIFF_WIDE)[0])
-    for gearbox, integrator in product(GEARBOXES, ("implicit_euler", "midpoint")):
+    for gearbox, integrator in product(GEARBOXES, METHODS):
         scene = compile_scene(model, gearbox, Ground(), integrator, STEP)
         rest = trim(scene)
         call = partial(linearize, scene, rest.state, rest.reference, threads=1)

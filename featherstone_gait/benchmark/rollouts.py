@@ -43,7 +43,7 @@ from ..run.lane_engine import Queue
 from ..run.reference import Reference
 from ..run.simulate import simulate_stream, standing_state
 from ..run.worlds import Distribution, Worlds
-from ..scene.compile import compile_scene
+from ..scene.compile import IntegratorName, compile_scene
 from .engines import Lazy, humanoid_spec, mujoco, quick_mujoco, rollout, standing_on
 from .peers import Point, cheapest, integrators
 from .skip import executed, free_arm
@@ -56,7 +56,8 @@ Paths = np.ndarray  # of the trunk (rollouts, samples, 3) [m], every `EVERY`
 COUNT, ROUNDS, ROUNDS_FULL = 16, 3, 9
 EVERY = 0.01  # [s]
 FINEST = 1e-3 / 16.0  # step of the references [s]
-OURS = {"midpoint": (2e-3, 1e-3, 5e-4, 2.5e-4), "implicit_euler": (2e-3, 1e-3, 5e-4, 2.5e-4)}
+STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
+OURS: dict[IntegratorName, tuple[float, ...]] = {"midpoint": STEPS, "implicit_euler": STEPS}
 THEIRS = (5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 COARSE = (5e-3, 2e-3, 1e-3)  # of slower programs
 ERRORS = (3e-3, 1e-3, 3e-4, 1e-4)  # [m]
@@ -170,8 +171,8 @@ def engines(model: Model) -> Iterator[Engine]:
     """Yield the programs that are installed, ours first."""
     times, references = planned(model, COUNT)
     threads = (1, 2) if (os.cpu_count() or 1) > 1 else (1,)
-    for name, steps in OURS.items():
-        yield Engine(name, steps, our_walk(model, name, times, references), threads, name)
+    for own, steps in OURS.items():
+        yield Engine(own, steps, our_walk(model, own, times, references), threads, own)
     if not installed("mujoco"):
         return
     for label, kind in integrators("Euler", "implicitfast", "discrete"):
@@ -192,7 +193,7 @@ def engines(model: Model) -> Iterator[Engine]:
 
 
 def our_walk(
-    model: Model, integrator: str, times: np.ndarray, references: Sequence[np.ndarray]
+    model: Model, integrator: IntegratorName, times: np.ndarray, references: Sequence[np.ndarray]
 ) -> Callable[[float, int], Paths]:
     """Walk in this package."""
     scene_of = cache(lambda h: compile_scene(model, "mipsd", Ground(), integrator, h))

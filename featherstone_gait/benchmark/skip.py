@@ -51,7 +51,7 @@ from ..robot_file.servos import with_servo
 from ..run.prepare import prepare, with_steps
 from ..run.simulate import PARTS, initial_state, simulate
 from ..run.worlds import Distribution, Worlds
-from ..scene.compile import CompiledScene, GearboxKind, compile_scene
+from ..scene.compile import CompiledScene, GearboxKind, IntegratorName, compile_scene
 from ..scene.external import Push
 from ..walking.feedback import read_walk
 from .default_scenes import AX12_LAW
@@ -124,8 +124,9 @@ def row_of(saving: str, without: Work, having: Work, note: str, repeats: int) ->
 
 def rollout(
     model: Model | list[Placed] | SceneModel, gearbox: GearboxKind | None = None, ground: Ground | None = None, *,
-    lifted: float = 0.0, integrator: str = "implicit_euler", record: tuple[str, ...] = (), every: int = COUNTED,
-    controller: Callable[[CompiledScene], Any] | None = None, pushes: Sequence[Push] = (), worlds: Worlds | None = None,
+    lifted: float = 0.0, integrator: IntegratorName = "implicit_euler", record: tuple[str, ...] = (),
+    every: int = COUNTED, controller: Callable[[CompiledScene], Any] | None = None, pushes: Sequence[Push] = (),
+    worlds: Worlds | None = None,
 ) -> Work:  # fmt: skip
     """Prepare a scene that goes on from its state after a tenth of a second; with worlds eight of it in lanes.
 

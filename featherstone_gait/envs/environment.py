@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,7 @@ from ..run.start import check_one
 from ..run.worlds import Worlds
 from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, compile_scene
+from ..scene.gearbox_kinds import GearboxKind
 
 __all__ = [
     "Push",
@@ -60,6 +61,7 @@ TILTED = 0.5  # tilt at which standing has no reward [rad]
 EFFORT = 0.01  # cost of the mean square of an action
 NO_WINDOW = 'Matplotlib has no window here; give render_mode="rgb_array", or choose a backend such as "qtagg"'
 KEPT = 64  # sessions of worlds that one environment keeps, of some 70 kB
+RenderMode = Literal["human", "rgb_array"]
 Step = tuple[Any, Any, Any, Any, dict[str, Any]]
 
 
@@ -95,7 +97,7 @@ class _Robots:
         scale: float,
         ticks: int,
         duration: float,
-        gearbox: str | None,
+        gearbox: GearboxKind | None,
     ) -> None:
         self.task, self.worlds = task, worlds
         self.scene, self.alone = self.compiled(robot, gearbox)
@@ -237,8 +239,8 @@ class RobotEnv(gymnasium.Env):
         scale: float = 0.3,
         ticks: int = 2,
         duration: float = 10.0,
-        gearbox: str | None = None,
-        render_mode: str | None = None,
+        gearbox: GearboxKind | None = None,
+        render_mode: RenderMode | None = None,
     ) -> None:
         self._robots = self._kind(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
         self.render_mode, self.metadata = _render_mode(self, render_mode)
@@ -356,8 +358,8 @@ class RobotVectorEnv(VectorEnv):
         scale: float = 0.3,
         ticks: int = 2,
         duration: float = 10.0,
-        gearbox: str | None = None,
-        render_mode: str | None = None,
+        gearbox: GearboxKind | None = None,
+        render_mode: RenderMode | None = None,
     ) -> None:
         self._robots = self._kind(robot, self.task, worlds, angles, scale, ticks, duration, gearbox)
         self.render_mode, self.metadata = _render_mode(self, render_mode)

@@ -26,6 +26,7 @@ from ..run.session import Session
 from ..run.simulate import initial_state
 from ..scene.compile import CompiledScene, compile_scene
 from ..scene.contact import standing_height
+from ..scene.gearbox_kinds import GearboxKind
 from .environment import EFFORT, RobotEnv, RobotVectorEnv, _Robots, actuated
 
 __all__ = ["Kick", "KickVector", "kick_scene"]
@@ -40,7 +41,7 @@ PLACED = 0.01  # range of the ball's place at the start [m]
 SCORED = 1.0  # reward for a goal
 
 
-def kick_scene(robot: Any = "humanoid", gearbox: Any = None, mass: float = MASS) -> CompiledScene:
+def kick_scene(robot: Any = "humanoid", gearbox: GearboxKind | None = None, mass: float = MASS) -> CompiledScene:
     """Compile the scene of `Kick`: a robot, a ball before its right foot, and two posts that do not move.
 
     Parameters

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from ..base.arguments import listed, shown, texts, whole
 from ..base.brief import brief
 from .checks import FRICTION, check, number_flaws, quantity, quantity_flaws
 
-NONE, ALL = "none", "all"
+PairWord = Literal["none", "all"]
+NONE: Literal["none"] = "none"
+ALL: Literal["all"] = "all"
 GROUND = "ground"  # its name in pairs
 MOMENT = "give the largest moment by the normal force [m], 0 for none"
 PAIR_REMEDY = 'give "all", "none" or pairs such as ("robot/hand", "cup")'
@@ -48,7 +50,7 @@ class PairContact:
         For numbers out of range and pairs that are no pairs of names.
     """
 
-    select: str | tuple[tuple[str, str], ...] = ALL
+    select: PairWord | tuple[tuple[str, str], ...] = ALL
     penetration: float = quantity("> 0", "m", 5e-4, "0.0005 suits a small robot")
     damping_ratio: float = quantity(">= 0", "-", 0.7, "0.7 hardly bounces")
     friction: float = quantity(">= 0", "-", 0.95, FRICTION)

@@ -7,6 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sized
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from ..base.arguments import instance, listed, shown, texts, truth
 from ..base.brief import brief, clipped
@@ -16,12 +17,13 @@ from .fluid import Fluid
 from .ground import Ground
 from .links import Vector
 from .loop import Loop
-from .pair_contact import GROUND, NONE, PAIR_REMEDY, PairContact, name_pairs, pair_contact
+from .pair_contact import GROUND, NONE, PAIR_REMEDY, PairContact, PairWord, name_pairs, pair_contact
 from .robot import Model
 from .sensor import SampledSensor, Sensor, check_sensors
 
 SEPARATOR = "/"  # between the names of a model and of its link or joint
-OF_SCENE = "scene"  # the gearbox that is given to compile_scene
+PlacedGearbox = Literal["scene", "mipsd", "rotor", "standard"]
+OF_SCENE: Literal["scene"] = "scene"  # the gearbox that is given to compile_scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +60,7 @@ class Placed:
     name: str = ""
     position: tuple[float, ...] = (0.0, 0.0)
     orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    gearbox: str | None = OF_SCENE
+    gearbox: PlacedGearbox | None = OF_SCENE
     ground_contact: bool = True
 
     __repr__ = brief
@@ -144,7 +146,7 @@ class SceneModel:
     excluded: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
     source: str = ""
-    pairs: str | tuple[tuple[str, str], ...] | PairContact = NONE
+    pairs: PairWord | tuple[tuple[str, str], ...] | PairContact = NONE
     loops: tuple[Loop, ...] = ()
     fluid: Fluid | None = None
     sensors: tuple[Sensor | SampledSensor, ...] = ()

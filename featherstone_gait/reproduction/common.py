@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,8 @@ R = TypeVar("R")
 
 ENCODER_STEP = math.radians(300.0 / 1023.0)  # of the AX-12 [rad], ROBOTIS e-manual
 RECORDING = "docs/paper.md says which recording would close it."  # of a figure that is a picture only
-EXPLICIT, IMPLICIT = "simtwo", "implicit_euler"  # integrators: the paper's program of 2012, and the linearly implicit
+EXPLICIT: Literal["simtwo"] = "simtwo"  # integrator of the paper's program of 2012
+IMPLICIT: Literal["implicit_euler"] = "implicit_euler"
 SERVO_COLORS = {"standard": ORANGE, "mipsd": BLUE, "rotor": COLORS[2]}  # the same in all figures
 LINE_STYLES = {EXPLICIT: "-", IMPLICIT: "--"}
 INTEGRATOR_NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}

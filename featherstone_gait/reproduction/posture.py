@@ -25,7 +25,7 @@ from ..model import Base, Ground, Model
 from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch, standing_state
-from ..scene.compile import CompiledScene, GearboxKind, compile_scene
+from ..scene.compile import CompiledScene, GearboxKind, IntegratorName, compile_scene
 from ..view.style import BLUE, ORANGE, look
 from .claim import Claim, Verdict, classify, question, within
 from .common import (
@@ -54,7 +54,7 @@ TABLE_3 = {
 JOINTS = tuple(TABLE_3)
 FACTOR = 3.0  # within which a deviation counts as the same: masses and gains are unknown
 GEARBOXES: tuple[GearboxKind, ...] = ("standard", "mipsd")
-INTEGRATORS = (EXPLICIT, IMPLICIT)
+INTEGRATORS: tuple[IntegratorName, ...] = (EXPLICIT, IMPLICIT)
 BASES: tuple[Base, ...] = ("floating", "fixed")
 P = math.inf  # integral time of the proportional law [s]
 INTEGRAL_TIME = 1.0  # [s]; with a third of it the standing robot sways ever more and falls, with every model
@@ -67,7 +67,7 @@ class Case:
     """A robot in its posture; the defaults are our choices for what the paper does not state."""
 
     gearbox: GearboxKind = "standard"
-    integrator: str = EXPLICIT  # the paper's program of 2012
+    integrator: IntegratorName = EXPLICIT  # the paper's program of 2012
     base: Base = "floating"  # standing on the ground, or held at the trunk
     integral_time: float = INTEGRAL_TIME  # Ti = Kp / Ki [s]
     Kp: float = 61.0  # [V/rad] the AX-12's as delivered, robots/servos/ax12.toml

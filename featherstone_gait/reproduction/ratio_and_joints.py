@@ -23,7 +23,7 @@ from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Model
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
-from ..scene.compile import GearboxKind, compile_scene
+from ..scene.compile import GearboxKind, IntegratorName, compile_scene
 from ..view.style import look
 from .claim import Claim, Verdict, classify, question, span
 from .common import EXPLICIT, SERVO_COLORS, in_threads, subplots
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAPER_RATIO, PAPER_JOINTS = 254.0, 7
-CONTROLLED = "extrapolation"  # the integrator of the runs by error control
+CONTROLLED: IntegratorName = "extrapolation"  # the integrator of the runs by error control
 STEP = 1e-3  # [s] the default of the paper's program
 SMALL_STEP = 1e-5  # [s] with which the linear map is the physical one to 1 %
 
@@ -135,7 +135,7 @@ def hold(place: Place, settings: RatioSettings, tilts: np.ndarray) -> Held:
 
 
 def _errors(
-    model: Model, place: Place, settings: RatioSettings, tilts: np.ndarray, integrator: str
+    model: Model, place: Place, settings: RatioSettings, tilts: np.ndarray, integrator: IntegratorName
 ) -> tuple[np.ndarray, bool]:
     """Return the mean square of the lowest joint's angle for each tilt [rad^2], and whether a run chatters."""
     gearbox, _, n = place

@@ -30,7 +30,7 @@ from ..model import Gearbox, Model
 from ..robot_file import gearbox_presets, load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
-from ..scene.compile import GearboxKind, compile_scene
+from ..scene.compile import GearboxKind, IntegratorName, compile_scene
 from ..view.style import look
 from .claim import Claim, classify, question, within
 from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, INTEGRATOR_NAMES, LINE_STYLES, SERVO_COLORS, in_threads, subplots
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 GEARBOXES: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
-INTEGRATORS = (EXPLICIT, IMPLICIT)
+INTEGRATORS: tuple[IntegratorName, ...] = (EXPLICIT, IMPLICIT)
 READINGS = ("paper_literal", "code_2012", "paper_rotor_side", "physical")
 LARGE = (0.1, 0.1)  # mass [kg] and length [m] of a link: `robots/arm7`, about an AX-12 with its bracket
 SMALL = (0.07, 0.067)  # a bare AX-12 with a light bracket, the smallest that is plausible
@@ -59,7 +59,7 @@ class Case:
     """An arm with a servo model; the defaults are our choices for what the paper does not state."""
 
     gearbox: GearboxKind = "standard"
-    integrator: str = EXPLICIT  # the paper's program of 2012
+    integrator: IntegratorName = EXPLICIT  # the paper's program of 2012
     step: float = 1e-3  # [s] its default
     Kp: float = 61.0  # [V/rad] the AX-12's as delivered, robots/servos/ax12.toml
     link: tuple[float, float] = LARGE

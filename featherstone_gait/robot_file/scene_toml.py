@@ -53,11 +53,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ..geometry.body import body
 from ..model import FloorLine, Fluid, Ground, Loop, Model
-from ..model.pair_contact import PairContact
+from ..model.pair_contact import PairContact, PairWord
 from ..model.placed import OF_SCENE, Placed, SceneModel
 from .load import load_robot
 from .report import Report
@@ -134,11 +134,11 @@ def _rows(table: Mapping[str, Any], section: str) -> list[dict[str, Any]]:
     return rows
 
 
-def _touching(table: Mapping[str, Any]) -> str | tuple[tuple[str, str], ...] | PairContact:
+def _touching(table: Mapping[str, Any]) -> PairWord | tuple[tuple[str, str], ...] | PairContact:
     """Read what touches what: a word, pairs of names, or a table of numbers, in which `select` says it."""
     given = table["pairs"]
     if isinstance(given, str):
-        return PairContact(given).select
+        return PairContact(cast("PairWord", given)).select
     if not isinstance(given, dict):
         return name_pairs_of(table, "pairs", PAIRS)
     numbers = tuple(f.name for f in fields(PairContact) if f.name != "select")
@@ -199,7 +199,7 @@ def _robot(row: dict[str, Any], what: str, folder: Path, strict: bool) -> Placed
         report = Report({}, strict)
         model = replace(model, servos=read_servos(table, model.joints, folder, report))
         report.raise_problems(Path(model.source))
-    gearbox: str | None = string(row, "gearbox", what) if "gearbox" in row else OF_SCENE
+    gearbox: Any = string(row, "gearbox", what) if "gearbox" in row else OF_SCENE
     contact = truth(row, "ground_contact", what) if "ground_contact" in row else True
     return _placed(row, what, model, None if gearbox == NO_SERVOS else gearbox, contact)
 
@@ -230,7 +230,7 @@ def _solid(row: dict[str, Any], what: str, folder: Path) -> Placed:
 
 
 def _placed(
-    row: dict[str, Any], what: str, model: Model, gearbox: str | None = OF_SCENE, ground_contact: bool = True
+    row: dict[str, Any], what: str, model: Model, gearbox: Any = OF_SCENE, ground_contact: bool = True
 ) -> Placed:
     """Put a model at the place that its table states."""
     if "rpy" in row and "orientation" in row:

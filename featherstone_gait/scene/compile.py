@@ -23,7 +23,7 @@ from ..core.step import state
 from ..core.step.closure import Loops
 from ..core.step.context import Scene
 from ..model import Controller, Fluid, Ground, Loop, Model, Spring, Tendon
-from ..model.pair_contact import PairContact, pair_contact
+from ..model.pair_contact import PairContact, PairWord, pair_contact
 from ..model.placed import Placed, SceneModel, check_scene_loops, link_name
 from ..model.sensor import RESERVED, WORLD, SampledSensor, Sensor
 from ..model.tendon import ball_limit, spring_tendon
@@ -35,6 +35,7 @@ from .firmware import build_firmware, build_supply
 from .fluid import build_fluid, build_propellers
 from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
 from .friction import Friction, build_drag, build_friction, sticks
+from .gearbox_kinds import IntegratorName
 from .joint_spring import build_ball_springs, build_joint_springs, build_stiffening, fold_joint_springs
 from .loop import Loops as LoopTables
 from .loop import build_loops, joined_loops
@@ -347,13 +348,13 @@ def compile_scene(
     model: Model | Placed | SceneModel | Sequence[Model | Placed],
     gearbox: GearboxKind | None = None,
     ground: Ground | None = None,
-    integrator: str | None = None,
+    integrator: IntegratorName | None = None,
     timestep: float | None = None,
     gravity: Sequence[float] | np.ndarray = GRAVITY,
     fall_height: float = 0.6,
     fall_tilt: float = math.radians(45),
     springs: Sequence[Spring] = (),
-    pairs: str | Sequence[tuple[str, str]] | PairContact | None = None,
+    pairs: PairWord | Sequence[tuple[str, str]] | PairContact | None = None,
     loops: Sequence[Loop] | None = None,
     fluid: Fluid | None = None,
 ) -> CompiledScene:

@@ -1,4 +1,4 @@
-"""Kinds of gearboxes that a scene can be compiled with; this file imports nothing heavy, for the command line."""
+"""Kinds of gearboxes and integrators that a scene can be compiled with; imports nothing heavy, for the command line."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ GearboxKind = Literal[
     "rotor",  # rigid gearbox with the rotor's reflected inertia
     "standard",  # rigid gearbox without
 ]
+IntegratorName = Literal[
+    "implicit_euler", "midpoint", "rk4", "ars343", "extrapolation", "dop853",
+    "simtwo",  # of `featherstone_gait.reproduction`
+]  # fmt: skip
 GEARBOX_KINDS: tuple[GearboxKind, ...] = get_args(GearboxKind)
 
 

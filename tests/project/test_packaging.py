@@ -2,6 +2,7 @@
 
 import ast
 import email
+import importlib.util
 import os
 import re
 import shlex
@@ -65,6 +66,24 @@ def test_the_wheel_holds_package_robots_and_license(distributions):
     message = email.message_from_string(metadata)
     assert message["License-Expression"] == "MIT"
     assert message["Version"] == featherstone_gait.__version__
+    assert {f"Programming Language :: Python :: 3.{k}" for k in (11, 12, 13, 14)} <= {*message.get_all("Classifier")}
+    assert len(message.get_payload()) > 5000
+    assert re.findall(r"\]\((?!https:)|<!--", message.get_payload()) == []  # an index has no files beside its README
+
+
+def test_an_index_gets_links_into_the_repository_if_one_is_stated():
+    spec = importlib.util.spec_from_file_location("metadata", ROOT / "docs" / "metadata.py")
+    metadata = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(metadata)
+    address = metadata.repository("license: MIT\nrepository-code: 'https://host/us/it/'\n")
+    assert (address, metadata.repository("title: x\n"), metadata.addresses("")) == ("https://host/us/it", "", {})
+    assert all(url.startswith(address) for url in metadata.addresses(address).values())
+    text = "![A walk](docs/walk.gif) [a](docs/a.md#b), [c](https://c.org/d) and [e](LICENSE)\n<!-- f\n-->\ng"
+    assert metadata.for_index(text, address, "v1") == (
+        "![A walk](https://host/us/it/raw/v1/docs/walk.gif) [a](https://host/us/it/blob/v1/docs/a.md#b), "
+        "[c](https://c.org/d) and [e](https://host/us/it/blob/v1/LICENSE)\ng"
+    )
+    assert metadata.for_index(text, "", "v1") == " a, [c](https://c.org/d) and e\ng"
 
 
 def test_the_source_distribution_holds_all_that_the_tests_need(distributions):

@@ -20,7 +20,7 @@ from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ...model import Controller, Fluid, Ground, Joint, Loop, Servo, Surface
-from ...model.pair_contact import GROUND, NONE, PairContact
+from ...model.pair_contact import GROUND, NONE, PairContact, PairWord
 from ...model.placed import SEPARATOR, link_name
 from ...model.shapes import Shape
 from ..report import Report
@@ -76,7 +76,7 @@ class Content(NamedTuple):
     ground: Ground | None
     gravity: tuple[float, float, float]
     excluded: list[tuple[str, str]]  # links of the scene that do not touch each other
-    pairs: str | tuple[tuple[str, str], ...] | PairContact  # what does, if `save_scene` has written it
+    pairs: PairWord | tuple[tuple[str, str], ...] | PairContact  # what does, if `save_scene` has written it
     loops: tuple[Loop, ...]  # between members
     fluid: Fluid | None
 
@@ -146,7 +146,7 @@ def read_scene(path: Path, report: Report) -> Content:
     )
 
 
-def _pairs(documents: Iterable[Element]) -> str | tuple[tuple[str, str], ...] | PairContact:
+def _pairs(documents: Iterable[Element]) -> PairWord | tuple[tuple[str, str], ...] | PairContact:
     """Return what `save_scene` has written about bodies that touch each other, else "none"."""
     for text in (each for root in documents for each in root.iter("text") if each.get("name") == PAIRS):
         try:

@@ -1,0 +1,62 @@
+"""What the package index shows, made when a wheel or a source distribution is built: README and addresses.
+
+An index has no files beside the README.  If CITATION.cff states `repository-code`, links and pictures of the README
+lead there, and the index lists the project's addresses; else links become plain text, and pictures are left out.
+"""
+
+import re
+from pathlib import Path
+
+from hatchling.metadata.plugin.interface import MetadataHookInterface
+
+BESIDE = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:)([^)#\s]+)(#[^)\s]*)?\)")  # a link or a picture, and its file
+COMMENT = re.compile(r"^<!-- .*?-->\n", re.MULTILINE | re.DOTALL)  # those of docs/readme.py
+REPOSITORY = re.compile(r"""^repository-code: *["']?(https://[^"'\s]+)""", re.MULTILINE)
+
+
+class Metadata(MetadataHookInterface):
+    """Set the fields of pyproject.toml that are listed there as dynamic."""
+
+    def update(self, metadata):
+        root = Path(self.root)
+        address = repository((root / "CITATION.cff").read_text("utf-8"))
+        text = for_index((root / "README.md").read_text("utf-8"), address, metadata_version(root))
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
+        metadata["urls"] = addresses(address)
+
+
+def metadata_version(root):
+    """Return the tag of the version, under which the repository has the files that the README names."""
+    text = (root / "featherstone_gait" / "__init__.py").read_text("utf-8")
+    return "v" + re.search(r'^__version__ = "(.*)"$', text, re.MULTILINE)[1]
+
+
+def repository(citation):
+    """Return the address of the repository that CITATION.cff states, "" if it states none."""
+    stated = REPOSITORY.search(citation)
+    return stated[1].rstrip("/") if stated else ""
+
+
+def addresses(address):
+    """Return what an index lists beside the README."""
+    if not address:
+        return {}
+    files = f"{address}/blob/main"
+    return {
+        "Repository": address,
+        "Issues": f"{address}/issues",
+        "Documentation": f"{files}/docs/index.md",
+        "Changelog": f"{files}/CHANGELOG.md",
+    }
+
+
+def for_index(readme, address, tag):
+    """Return the README with links that lead somewhere without the files beside it."""
+
+    def elsewhere(found):
+        picture, text, path, anchor = found.groups(default="")
+        if address:
+            return f"{picture}[{text}]({address}/{'raw' if picture else 'blob'}/{tag}/{path}{anchor})"
+        return "" if picture else text
+
+    return BESIDE.sub(elsewhere, COMMENT.sub("", readme))
