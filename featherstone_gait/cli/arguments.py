@@ -211,7 +211,6 @@ def telling_extras() -> Iterator[None]:
 def robot_of(args: argparse.Namespace, robot: str) -> Setup:
     """Load a robot with the options of `add_setup`; one that floats without contact points gets those of its feet."""
     from ..robot_file import load_robot
-    from ..walking.walker import driven
 
     model, contacts, said = load_robot(robot, args.base, args.locked, contacts=args.contacts), args.contacts, []
     if model.base == "floating" and not model.contacts and model.shapes:
@@ -223,6 +222,8 @@ def robot_of(args: argparse.Namespace, robot: str) -> Setup:
         except (ValueError, ImportError) as error:
             said = [f"contacts    none: {args.command.in_options(str(error))}"]
     if args.servo is not None:
+        from ..walking.walker import driven
+
         model = driven(model, args.servo)
     if args.gearbox not in (None, "none") and not any(name in model.servos for name in model.joint_names):
         file = Path(model.source).with_suffix(".toml").name

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 from xml.parsers.expat import errors
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from defusedxml.common import DefusedXmlException
@@ -150,6 +149,8 @@ def _parsed(word: str, what: str) -> float:
 
 def element(tag: str, attributes: Mapping[str, Any], inside: Iterable[str] = ()) -> list[str]:
     """Write the lines of an element, without attributes that are None; numbers read back the same."""
+    from xml.sax.saxutils import quoteattr  # imports what opens web pages, which reading needs not
+
     stated = [f" {name}={quoteattr(_text(value))}" for name, value in attributes.items() if value is not None]
     start, lines = f"<{tag}{''.join(stated)}", [f"  {line}" for line in inside]
     return [f"{start}>", *lines, f"</{tag}>"] if lines else [f"{start}/>"]
