@@ -14,6 +14,8 @@ from __future__ import annotations
 import re
 import sys
 from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 from ..base.progress import progress_bar
@@ -29,15 +31,17 @@ def add(commands: Commands) -> None:
     parser.add_argument("programs", metavar="PROGRAM", nargs="*", type=Path, help="programs whose kernels to keep too")
     parser.option("--only", "nothing but those programs", False)
     parser.option("--all-levels", "code for processors with AVX2 and with AVX-512, not for this one alone", False)
+    parser.option("--processes", "programs at a time, each with half a GB", 2, metavar="N")
     add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
+    from ..base.arguments import whole
     from ..benchmark.first import COMMAND, PROGRAMS
     from ..core.compile.jit import CACHE_FOLDER
     from ..core.compile.store import LEVELS, Level, levels
-    from ..core.compile.store_writer import record
+    from ..robot_file import robot_names
 
     chosen = [*LEVELS] if args.all_levels else levels()[:1]
     if not chosen:
@@ -45,21 +49,37 @@ def run(args: Namespace) -> int:
     if args.out is None and not CACHE_FOLDER:
         raise ValueError("there is no folder for a cache that can be written: name one by --out")
     folder = args.out or Path(CACHE_FOLDER) / "kernels"
-    own = {str(path): _code(path) if path.suffix == ".md" else path for path in args.programs}
-    programs = own if args.only else PROGRAMS | {"featherstone-gait optimize": COMMAND.format(repr(OPTIMIZE))} | own
+    programs = {str(path): _code(path) if path.suffix == ".md" else path for path in args.programs}
+    if not args.only:
+        commands = OPTIMIZE, *(f"simulate {name}" for name in robot_names())
+        named = {f"featherstone-gait {words}": COMMAND.format(repr(words)) for words in commands}
+        programs = PROGRAMS | named | programs
     announce(args, f"{len(programs)} programs, up to a minute each; Ctrl-C keeps what is done")
-    failed = 0
-    for name in (bar := progress_bar(programs, desc="kernels", unit="program", leave=False)):
-        bar.set_postfix_str(name[-40:])
-        try:
-            record(programs[name], folder, chosen)
-        except RuntimeError as error:
-            failed += 1
-            print(f"{name}: {error}", file=sys.stderr)
+    failed = _run(programs, folder, chosen, whole("--processes", args.processes, 1, "give a number of processes"))
     for level in chosen:
         kept = [folder / level / f"{name}.o" for name in Level(folder / level).kernels]
         print(f"{folder / level}: {len(kept)} kernels, {sum(path.stat().st_size for path in kept) / 1e6:.1f} MB")
     return 1 if failed else 0
+
+
+def _run(programs: Mapping[str, str | Path], folder: Path, levels: Sequence[str], processes: int) -> int:
+    """Run programs and keep their kernels; say which fail, and return how many."""
+    from ..core.compile.store_writer import record
+
+    failed = 0
+    with ThreadPoolExecutor(processes) as pool:
+        runs = {pool.submit(record, program, folder, levels): name for name, program in programs.items()}
+        try:
+            for run in progress_bar(as_completed(runs), "kernels", len(runs), unit="program", leave=False):
+                try:
+                    run.result()
+                except RuntimeError as error:
+                    failed += 1
+                    print(f"{runs[run]}: {error}", file=sys.stderr)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return failed
 
 
 def _code(page: Path) -> str:
