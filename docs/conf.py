@@ -109,11 +109,16 @@ def _resolve(app, page, source):
 NUMBER = re.compile(r"(?<=\d) (?=(?:[kmµn]?[gmsJNVAW]|rad|mm|ms|mrad|min|%|J/m|N m|mm/s|rad/s)(?![\w/]))")
 
 
+SMALL = re.compile(r"(\d[\d.]*e-\d+)")
+
+
 def _keep_units(app, doctree):
-    """In tables no unit is alone in its line."""
+    """In tables no unit is alone in its line, and no number is broken after its minus sign."""
     for entry in doctree.findall(nodes.entry):
         for text in [*entry.findall(nodes.Text)]:
-            text.parent.replace(text, nodes.Text(NUMBER.sub("\N{NO-BREAK SPACE}", text)))
+            parts = SMALL.split(NUMBER.sub("\N{NO-BREAK SPACE}", text))
+            whole = [nodes.inline("", part, classes=["number"]) for part in parts]
+            text.parent.replace(text, [whole[k] if k % 2 else nodes.Text(part) for k, part in enumerate(parts)])
 
 
 def _helps():
