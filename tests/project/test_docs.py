@@ -126,6 +126,16 @@ def test_the_readme_shows_the_stored_results(capsys):
     assert text.count("<!-- results-table") == len(readme.MARKED.findall(text)) > 0
 
 
+def test_the_gallery_shows_ten_moving_pictures_of_its_programs():
+    text = TEXTS[DOCS / "gallery.md"]
+    programs, pictures = re.findall(r'path="(\w+)\.html"', text), re.findall(r"\((images/\S+)\)", text)
+    assert pictures == [f"images/gallery/{name}.webp" for name in programs]
+    data = [path.read_bytes() for path in (DOCS / "images" / "gallery").iterdir()]
+    assert (len(programs), len(data)) == (10, 11)  # and that of the first page
+    assert sum(map(len, data)) < 3_000_000
+    assert min(each.count(b"ANMF") for each in data) > 20  # frames
+
+
 def test_every_stored_file_has_its_command():
     rows = re.findall(r"^\| (`[^|]*) \| (`[^|]*) \| [\d.]+ \|$", TEXTS[STORED / "README.md"], re.MULTILINE)
     files = {name for names, _ in rows for name in re.findall(r"`(.*?)`", names)}
