@@ -37,6 +37,14 @@ from featherstone_gait.core.tree.batch import exponential
 result, stats = exponential(1.0), exponential.stats
 print(result.hex(), stats.cache_hits.total(), stats.cache_misses.total(), jit.CACHE_FOLDER)
 """
+WITHOUT_TEXT = """
+from featherstone_gait.core.compile import jit, taped_cost
+
+assert taped_cost._sweep.py_func.__doc__ is None
+tape, stats = taped_cost.Tape(4), taped_cost._sweep.stats
+taped_cost._sweep(tape.numbers, tape.links, tape.first)
+print("done", stats.cache_hits.total(), stats.cache_misses.total(), jit.CACHE_FOLDER)
+"""
 E = "0x1.5bf0a8b14576ap+1"  # exp(1) of the package
 
 FEEDBACK = """
@@ -133,6 +141,13 @@ def test_settings_of_numba_that_change_code_leave_it_aside(store):
 def test_an_entry_that_compiled_code_calls_is_compiled_for_it(store):
     """Code of a store has an address and no more; what was called before goes on as it was."""
     assert run(ROOT, program=CALLED, **store[1])[:3] == ("1", 1, 1)
+
+
+def test_a_kernel_without_a_docstring_is_loaded(tmp_path):
+    (tmp_path / "sweep.py").write_text(WITHOUT_TEXT, "utf-8")
+    store = tmp_path / "cache" / Path(jit.CACHE_FOLDER).name / "kernels"
+    assert cli.main(["warm-up", str(tmp_path / "sweep.py"), "--only", "--quiet", "--out", str(store)]) == 0
+    assert run(ROOT, program=WITHOUT_TEXT, NUMBA_CACHE_DIR=str(tmp_path / "cache"))[:3] == ("done", 0, 0)
 
 
 def test_the_command_goes_on_from_what_is_there_and_says_what_fails(store, tmp_path, capsys):

@@ -158,7 +158,8 @@ def _load(function, name, code) -> Stored:
     environment = _dynfunc.Environment(module.__dict__)  # from which Numba's wrappers would take Python's objects
     c_void_p.from_address(engine.get_global_value_address(ENVIRONMENT + name)).value = id(environment)
     call = engine.get_function_address(CALL + name)
-    made = _dynfunc.make_function(module, function.__name__, function.__doc__, call, environment, (engine,))
+    text = function.__doc__ or ""  # None is refused
+    made = _dynfunc.make_function(module, function.__name__, text, call, environment, (engine,))
     return Stored(made, engine.get_function_address(RUN + name))
 
 
