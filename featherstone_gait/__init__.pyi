@@ -96,6 +96,7 @@ from .robot_file import scene_names as scene_names
 from .robot_file.scene import load_scene as load_scene
 from .robot_file.scene import save_scene as save_scene
 from .run.contacts import ContactHistory as ContactHistory
+from .run.driven import replay as replay
 from .run.measure import measure as measure
 from .run.overlap import OverlapWarning as OverlapWarning
 from .run.overlap import overlaps as overlaps
@@ -120,6 +121,7 @@ from .scene.channels import StateView as StateView
 from .scene.channels import channel_table as channel_table
 from .scene.compile import CompiledScene as CompiledScene
 from .scene.compile import compile_scene as compile_scene
+from .view.drive import drive as drive
 from .view.movie import save_movie as save_movie
 from .view.plotting import plot as plot
 from .view.plotting import plot_motion as plot_motion

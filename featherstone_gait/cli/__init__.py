@@ -22,7 +22,8 @@ from typing import Any, TextIO
 from .. import __version__
 from .arguments import LINE, Help, Parser
 
-NAMES = "info check_robots simulate view optimize crosscheck export study servos identify benchmark warm_up reproduce"
+NAMES = "info check_robots simulate drive view optimize crosscheck export study servos identify benchmark warm_up "
+NAMES += "reproduce"
 COMMANDS = tuple(import_module(f".{name}", __name__) for name in NAMES.split())
 
 ABOUT = "Simulate robots driven by hobby servos, and search for gaits that take less energy."

@@ -33,7 +33,7 @@ from ..core.effects.push import EVENT_MARGIN
 from ..core.integrate.rollout import OK
 from ..scene.channels import StateView, current_name
 from ..scene.compile import CompiledScene
-from ..scene.external import Push
+from ..scene.external import Push, build_pushes
 from .classify import Outcome, classify
 from .compiled_run import CompiledRun
 from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, edges_on_steps, second_run
@@ -129,6 +129,8 @@ class Session:
     >>> seen = session.step(np.zeros((64, 7)))
     >>> session.reset(~session.active)
     """
+
+    _first_pushes: np.recarray | None = None  # those before any was set
 
     @keywords(sample="record_interval")
     def __init__(
@@ -336,6 +338,43 @@ class Session:
                 for group in fleet.groups:
                     group.write_state(who, states, slice(at, at + 1))
             return self._observed()
+
+    def set_push(self, number: int, push: Push) -> Observation:
+        """Replace one of the external forces on all robots, without passing of time; return what is observed.
+
+        The session needs a push in its place from the beginning, of zero force for example.  Runs of `simulate` with
+        pushes that begin or end on a tick agree to rounding, since a step to its end takes a share of it.
+
+        Parameters
+        ----------
+        number
+            Which of `pushes`, 0 the first.
+        push
+            The force that takes its place.
+
+        Raises
+        ------
+        ValueError
+            There is no push of this number, the push does not fit the scene, or the session has worlds.
+        """
+        with self._alone():
+            tables = self._push_tables()
+            count = len(tables[0]) if tables else 0
+            if not count or self._given["worlds"] is not None:
+                why = "robots in worlds keep theirs" if count else "it has none: make it with pushes=[Push(link)]"
+                raise ValueError(f"session: no push can be set; {why}")
+            number = whole("number", number, 0, f"there are {count} pushes, 0 the first", count - 1)
+            found = build_pushes(self.scene.tree, [push])
+            assert found is not None
+            self._first_pushes = tables[0].copy() if self._first_pushes is None else self._first_pushes
+            for table in tables:
+                table[number] = found[0]
+            return self._observed()
+
+    def _push_tables(self) -> list[np.recarray]:
+        """Return the records of pushes that kernels read, each once."""
+        found = {id(run.scene): run.scene.constants.push for fleet in self._fleets for run in fleet.runs}
+        return [table for table in found.values() if table is not None]
 
     def step(self, action: ArrayLike | None = None, ticks: int = 1) -> Observation:
         """Advance all robots by some controller ticks under an action; return what they observe.
@@ -600,7 +639,7 @@ class Session:
             own: dict[str, Any] = {"scene": np.array(self._digest()), **self._kept()}
 
             def check(declared: dict[str, np.ndarray]) -> None:
-                for name in own.keys() | declared.keys():
+                for name in (own.keys() | declared.keys()) - {"pushes"}:  # which are there if any was set
                     mine, given = ((x[name].shape, x[name].dtype.kind) if name in x else None for x in (own, declared))
                     if mine != given:
                         how = "missing" if given is None else "of another shape"
@@ -629,6 +668,8 @@ class Session:
         for k, fleet in enumerate(self._fleets):
             own = {"states": fleet.states(), "controllers": fleet.controllers(), "begun": fleet.of_each("begun")}
             kept |= {f"{name}{k}": values for name, values in own.items()}
+        if self._first_pushes is not None:
+            kept["pushes"] = np.frombuffer(self._push_tables()[0].tobytes(), np.uint8)
         if self._draws:
             kept["draws"] = np.array([json.dumps(draw.bit_generator.state) for draw in self._draws], "U400")
         return kept | {f"answers{k}": view.kept() for k, view in enumerate(self._sampled)}
@@ -643,7 +684,8 @@ class Session:
         of_scene: dict[int, bytes] = {}
         for run in self._runs:
             if id(run.scene) not in of_scene:
-                of_scene[id(run.scene)] = numbers_in(run.scene.constants)
+                constants, first = run.scene.constants, self._first_pushes
+                of_scene[id(run.scene)] = numbers_in(constants if first is None else constants._replace(push=first))
             found.update(of_scene[id(run.scene)])
         return found.hexdigest()
 
@@ -662,6 +704,19 @@ class Session:
             draw.bit_generator.state = json.loads(state)
         for k, view in enumerate(self._sampled):
             view.restore(kept[f"answers{k}"], self.time)
+        self._take_pushes(kept.get("pushes"))
+
+    def _take_pushes(self, kept: np.ndarray | None) -> None:
+        """Restore the pushes of a file, or those before any was set."""
+        if kept is None and self._first_pushes is None:
+            return
+        tables = self._push_tables()
+        first = tables[0].copy() if self._first_pushes is None else self._first_pushes
+        if kept is not None and kept.size != first.nbytes:
+            raise ValueError(f"session: its file has {kept.size} bytes of pushes, expected {first.nbytes}: {REMAKE}")
+        for table in tables:
+            table[...] = first if kept is None else np.frombuffer(kept.tobytes(), first.dtype)
+        self._first_pushes = first
 
     def close(self) -> None:
         """End the threads; the session cannot be stepped after that."""

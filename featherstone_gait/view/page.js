@@ -5,6 +5,7 @@ const data = { models: [], runs: [], plots: [], notes: [], ...JSON.parse(documen
 const FAR = 2.4;            // distance of the eye by the width that is seen
 const ARROW = 0.35;         // length of a force of the whole weight, by the width that is seen at first
 const KEPT = 240;           // durations of frames that are kept
+const FOLLOWS = !data.together || Boolean(data.live);  // whether the camera can follow the first robot
 const $ = id => document.getElementById(id);
 const media = query => window.matchMedia ? window.matchMedia(query) : { matches: false, addEventListener() {} };
 const still = media("(prefers-reduced-motion: reduce)").matches;
@@ -14,6 +15,7 @@ const end = Math.max(...data.runs.map(run => Math.max(run.end, run.times.at(-1))
 const view = { yaw: -1.1, pitch: 0.3, span: data.span, pan: [0, 0, 0] };
 const shown = { follow: true, forces: true, prints: true, rays: true, load: false, meshes: true, ghosts: data.ghosts && data.runs.length > 1 };
 const state = { time: start, playing: !still && end > start, dirty: true, touched: -Infinity, drawn: -Infinity };
+const hands = { grab: () => false, drag: () => false, drop() {}, pull() {}, words: since => [since] };  // of view/drive.js
 const frames = [];          // how long each of the last frames took to draw [ms]
 let colors = {};
 
@@ -598,8 +600,8 @@ function fit() {  // pictures get what the window leaves, so that the controls a
 }
 
 function center(run, at) {
-  const base = at[run.root], first = run.frames[0], i = 7 * run.root, m = run.middle;
-  const moved = shown.follow && !data.together && models[run.model].moves;
+  const base = at[run.root], first = run.home || run.frames[0], i = 7 * run.root, m = run.middle;
+  const moved = shown.follow && FOLLOWS && models[run.model].moves;
   const away = k => moved ? base[k] - data.unit * first[i + k] : 0;
   return [m[0] + away(0) + view.pan[0], m[1] + away(1) + view.pan[1], m[2] + (run.floor.quads ? away(2) : 0) + view.pan[2]];
 }
@@ -639,6 +641,7 @@ function drawPanel({ runs, canvas, now }) {
     }
     if (shown.rays && run.rays) rays(g, cam, run, Math.min(t, run.end), ratio);
   }
+  hands.pull(g, cam, ratio);
   const failed = runs.filter(run => ended(run, t));
   if (failed.length) stamp(g, failed.map(run => (runs.length > 1 ? run.caption + ": " : "") + statusText(run)).join("; "), w, ratio);
   const loaded = runs.find(run => run.load);
@@ -677,13 +680,13 @@ function legend(g, w, h, ratio, of) {
 function readout(run, at, t) {
   const words = [], [k, m, f] = place(run, Math.min(t, run.end));
   if (models[run.model].moves) {
-    const way = at[run.root][0] - data.unit * run.frames[0][7 * run.root];
+    const way = at[run.root][0] - data.unit * (run.home || run.frames[0])[7 * run.root];
     words.push((Math.round(1e3 * way) || 0) + " mm ahead");
   }
   if (run.energy) words.push((run.energy[k] + f * (run.energy[m] - run.energy[k])).toFixed(1) + " J drawn");
   const since = words.length ? "since the start: " + words.join(", ") : "";
   const grid = run.floor.quads ? "" : "squares of " + (square() < 1 ? 1e3 * square() + " mm" : square() + " m");
-  return [since, grid, run.floor.real ? "" : "no ground in this run"].filter(Boolean).join("; ");
+  return [...hands.words(since), grid, run.floor.real ? "" : "no ground in this run"].filter(Boolean).join("; ");
 }
 
 // ------------------------------------------------------------------------------------------- plots
@@ -925,7 +928,7 @@ function show() {
   plots.forEach(drawPlot);
   $("time").value = state.time;
   $("time").setAttribute("aria-valuetext", state.time.toFixed(2) + " seconds");
-  text($("clock"), state.time.toFixed(end - start < 1 ? 3 : 2) + " s");
+  if (!data.live) text($("clock"), state.time.toFixed(end - start < 1 ? 3 : 2) + " s");
   text($("play"), state.playing ? "Pause" : "Play");
   frames.push(performance.now() - begun);
   if (frames.length > KEPT) frames.shift();
@@ -966,9 +969,13 @@ function rate(by) { const s = $("rate"); s.selectedIndex = Math.min(s.length - 1
 function steer(canvas) {
   const down = new Map();
   const gap = () => { const [a, b] = [...down.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
-  canvas.onpointerdown = event => { canvas.setPointerCapture(event.pointerId); down.set(event.pointerId, [event.clientX, event.clientY]); };
-  canvas.onpointerup = canvas.onpointercancel = event => down.delete(event.pointerId);
+  canvas.onpointerdown = event => {
+    canvas.setPointerCapture(event.pointerId);
+    if (!hands.grab(canvas, event)) down.set(event.pointerId, [event.clientX, event.clientY]);
+  };
+  canvas.onpointerup = canvas.onpointercancel = canvas.onlostpointercapture = event => { hands.drop(event); down.delete(event.pointerId); };
   canvas.onpointermove = event => {
+    if (hands.drag(event)) return;
     const before = down.get(event.pointerId);
     if (!before) return;
     const dx = event.clientX - before[0], dy = event.clientY - before[1], apart = down.size === 2 ? gap() : 0;
@@ -981,7 +988,7 @@ function steer(canvas) {
   canvas.onwheel = event => { event.preventDefault(); zoom(Math.exp(0.001 * event.deltaY)); };
 }
 
-const TOGGLES = [["follow", "C", "follow", !data.together && data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces || r.pairs)],
+const TOGGLES = [["follow", "C", "follow", FOLLOWS && data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces || r.pairs)],
   ["prints", "P", "footprints", data.runs.some(r => r.points)], ["rays", "R", "rays", data.runs.some(r => r.rays)], ["load", "L", "load", data.runs.some(r => r.load)],
   ["meshes", "M", "full meshes", gl], ["ghosts", "G", "ghosts", data.runs.length > 1 && !data.together]].filter(toggle => toggle[3]);
 const buttons = {};

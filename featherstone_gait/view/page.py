@@ -55,12 +55,12 @@ class Page:
         return self.path
 
 
-def render(title: str, data: Mapping[str, Any]) -> str:
-    """Make the page of some data.  Raises ValueError for a page that would be too large."""
+def render(title: str, data: Mapping[str, Any], more: str = "") -> str:
+    """Make the page of some data, with more script.  Raises ValueError for a page that would be too large."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     files = (Path(__file__).with_name(f"page.{kind}") for kind in ("html", "css", "js"))
     html, style, script = (file.read_text("utf-8") for file in files)
-    page = Template(html).substitute(title=escape(title), style=style, script=script, data=text)
+    page = Template(html).substitute(title=escape(title), style=style, script=script + more, data=text)
     size = len(page.encode()) - sum(len(model["full"]["data"]) for model in data.get("models", ()) if model["full"])
     if size > MOST_BYTES:
         raise ValueError(

@@ -321,7 +321,7 @@ def _pushing(model: Model, run: Trajectory, poses: FramePoses, unit: float) -> l
 
 
 def pushes_of(model: Model, run: Trajectory, poses: FramePoses) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return where bodies and propellers push a robot, the forces (frames, pushes, 3) [m, N], and which there are.
+    """Return where bodies, propellers or a hand push a robot, forces (frames, pushes, 3) [m, N], and which there are.
 
     None if the run does not say.
     """
@@ -334,6 +334,14 @@ def pushes_of(model: Model, run: Trajectory, poses: FramePoses) -> tuple[np.ndar
         places.append(poses.position[:, [model.link_index(model.joint(one.joint).child) for one in model.propellers]])
         forces.append(_thrusts(model, run["qd"][poses.rows], poses))
         on.append(np.ones(forces[-1].shape[:2], bool))
+    links, names = run.info.get("inputs", {}).get("links", ()), [link.name for link in model.links]
+    if "push" in run and set(links) <= set(names):  # by hand
+        numbers = run["push"][poses.rows]
+        at, k = np.array([names.index(link) for link in links])[numbers[:, 0].astype(int)], np.arange(len(numbers))
+        turned = (poses.rotation[k, at] @ numbers[:, 1:4, None])[..., 0]
+        places.append((poses.position[k, at] + turned)[:, None])
+        forces.append(numbers[:, None, 4:7])
+        on.append(numbers[:, None, 4:7].any(axis=2))
     if not places:
         return None
     place, force, there = (np.concatenate(parts, axis=1) for parts in (places, forces, on))

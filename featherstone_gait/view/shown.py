@@ -79,7 +79,7 @@ def show(
         Robot and run do not fit, channels are missing, captions are not one for each run, or a scene of several robots
         comes with captions, ghosts or others.
     """
-    together, seen = _one_or_many([trajectory, *others], robot, captions, plots, ghosts)
+    together, seen = one_or_many([trajectory, *others], robot, captions, plots, ghosts)
     mesh_limit = real("mesh_limit", mesh_limit, 0.0, 1e3, "[MB]")
     page = Page(page_html(*seen, truth("ghosts", ghosts), together, mesh_limit))
     if path is not None:
@@ -118,11 +118,11 @@ def show_live(
     ImportError
         Without viser (pip install featherstone-gait[viser]).
     """
-    together, seen = _one_or_many([trajectory, *others], robot, captions, plots, ghosts)
+    together, seen = one_or_many([trajectory, *others], robot, captions, plots, ghosts)
     return serve(*seen, ghosts=ghosts, together=together, port=port)
 
 
-def _one_or_many(
+def one_or_many(
     runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plots: Sequence[str], ghosts: bool
 ) -> tuple[bool, tuple[dict[str, Seen], str, list[str]]]:
     """Return whether members of one scene are drawn together, and the runs by caption, the title and the plots."""

@@ -37,6 +37,8 @@ NO_CALLS = {
         "channel_table",
         "Trajectory",
         "Trim",
+        "drive",
+        "replay",
         "show_live",
         "Energy",
         "StateView",
