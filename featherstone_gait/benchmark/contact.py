@@ -1,4 +1,4 @@
-"""Compare contact between bodies with MuJoCo and Bullet at equal error.
+"""Let bodies touch in this package, MuJoCo and Bullet.
 
 The tests are those of SimBenchmark (D. Kang, J. Hwangbo, SimBenchmark: Physics engine benchmark for robotics
 applications, 2018, leggedrobotics.github.io/SimBenchmark), with the answer of rigid bodies as the truth:
@@ -15,13 +15,9 @@ hard        A box of 1000 kg rests on one of 1 kg.  The error is how far either 
 stack       Ten boxes rest on each other.  The error is how far any moves.
 
 Each engine has several methods, and each method several steps or tolerances.  Ours sinks by a stated depth under the
-weight of all bodies.  MuJoCo has its stiffest contact, or its default; elastic contact as a spring without damper,
-as stiff as ours.  Bullet has rigid bodies in maximal coordinates, with 10, 50 or 250 iterations.  The cost at an
-error is interpolated between the neighboring settings of one method, as in `benchmark peers`.
-
-All are timed in turn, in processor time without the preparation of a run, and compared as ratios.
-
-    featherstone-gait benchmark contact        fifteen minutes
+weight of all bodies.  MuJoCo has its stiffest contact, with `noslip` iterations besides, or its default; elastic
+contact as a spring without damper, as stiff as ours.  Bullet has rigid bodies in maximal coordinates, with 10, 50 or
+250 iterations.  `benchmark scoreboard` runs them.
 """
 
 from __future__ import annotations
@@ -29,14 +25,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache, partial
-from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ..base.progress import progress_bar
 from ..core.integrate import INTEGRATORS
 from ..geometry.body import body
 from ..model.pair_contact import PairContact
@@ -47,15 +41,12 @@ from ..run.prepare import prepare
 from ..run.simulate import initial_state
 from ..scene.compile import IntegratorName, compile_scene
 from ..scene.external import Push
-from ..view.style import COLORS, look, subplots
-from .engines import Lazy, mujoco, quick_mujoco
-from .peers import Point, cheapest, integrators
-from .table import installed, machine, print_table, save_figure, tabulate, write_table
+from .engines import integrators, mujoco
+from .methods import ENGINES, Method, Result, bullet, world
+from .methods import Once as Timed
+from .table import installed
 
-bullet, bullet_client = Lazy("pybullet"), Lazy("pybullet_utils.bullet_client")
 G = 9.81  # [m/s^2]
-SAMPLES = 50  # of a run
-ROUNDS, ROUNDS_FULL, ENOUGH = 3, 9, 0.3  # turns; CPU seconds after which a setting is not run again
 SINKS = 1e-3  # of a ball that hits elastically, of its radius by ten [m]
 ENDED = ("diverged", "too many contacts", "too costly")
 MANY = 50  # bodies, beyond which fewer methods are tried
@@ -103,117 +94,21 @@ class Trial(NamedTuple):
     force: tuple[float, float, float] = (0.0, 0.0, 0.0)  # on the first piece [N]
     start: float = 0.0  # of the force [s]
     every: float = 0.1  # between samples [s]
-    depths: Sequence[float] = (1e-3, 1e-5, 1e-7)  # to which bodies at rest sink in ours [m]
+    depths: Sequence[float] = (1e-5, 1e-7)  # to which bodies at rest sink in ours [m]
+    unit: str = "m"  # of the error
 
     @property
     def mass(self) -> float:
         return sum(piece.mass for piece in self.pieces)
 
-
-class Method(NamedTuple):
-    """Describe an engine with the settings of one of its methods."""
-
-    name: str  # begins with that of the engine
-    settings: Sequence[float]  # steps [s] or tolerances, the coarsest first
-    ready: Callable[[float], Once]  # of a setting
-
-
-class Row(NamedTuple):
-    """Hold one line of the table."""
-
-    test: Annotated[str, "test", "<9"]
-    method: Annotated[str, "method", "<27"]
-    setting: Annotated[float, "step [s], rtol", "14g"]
-    error: Annotated[float, "error", "9.1e"]
-    momentum: Annotated[float, "momentum", "9.1e"]  # change by the sum of all sizes; NaN where a floor takes some
-    time: Annotated[float, "CPU ms/s", "10.4g"]  # by simulated second [ms]
-
-
-class Line(NamedTuple):
-    """Hold our cost at an error [CPU ms by simulated second], and the cost of the others by ours."""
-
-    test: Annotated[str, "test", "<9"]
-    error: Annotated[float, "at error", "9.0e"]
-    ours: Annotated[float, "ours ms/s", "9.3g"]
-    mujoco: Annotated[float, "MuJoCo", "9.3g"]
-    bullet: Annotated[float, "Bullet", "9.3g"]
-    note: Annotated[str, "", "<2"]
-
-
-def run(out_dir: Path, full: bool = False) -> list[Line]:
-    """Print the tables; write contact.csv, contact_lines.csv and contact.png into `out_dir`."""
-    host, rows = machine(), list[Row]()
-    host += "".join(f", {name} {version}" for name, version in _bullet_version())
-    print(host)
-    cases = trials()
-    with quick_mujoco():
-        for test in cases:
-            rows += print_table(Row, measured(test, ROUNDS_FULL if full else ROUNDS))
-            write_table(out_dir / "contact.csv", Row._fields, rows, host)
-    plot(out_dir / "contact.png", rows, host)
-    return tabulate(out_dir / "contact_lines.csv", Line, (line for test in cases for line in lines(test, rows)), host)
-
-
-def measured(test: Trial, rounds: int, slowest: float = 8.0) -> list[Row]:
-    """Find the errors of all methods, and time all settings in turn; leave out what takes longer than `slowest` [s]."""
-    runs: list[tuple[Method, float, Once]] = []
-    rows, spent = list[Row](), list[list[float]]()
-    for method in progress_bar([*methods(test)], test.name):
-        last = 0.0
-        for before, setting in zip((math.inf, *method.settings), method.settings):
-            if last * min(before / setting, 10.0) > slowest:
-                break
-            once = method.ready(setting)
-            if last == 0.0 and method.name.startswith(ENGINES[0]):
-                once()  # compiles
-            motion, last = once()
-            error = test.error(motion) if np.isfinite(motion.velocity).all() else math.nan
-            rows.append(Row(test.name, method.name, setting, error, momentum(test, motion), last))
-            runs.append((method, setting, once))
-            spent.append([last])
-    for _ in progress_bar(range(rounds - 1), f"{test.name}: times"):
-        for (_, _, once), times in zip(runs, spent):
-            if sum(times) < ENOUGH:
-                times.append(once()[1])
-    return [row._replace(time=1e3 * min(times) / test.duration) for row, times in zip(rows, spent)]
-
-
-def momentum(test: Trial, motion: Motion) -> float:
-    """Return by how much the momentum changes, by the sum of its sizes at the start."""
-    if test.floor:
-        return math.nan
-    masses = np.array([piece.mass for piece in test.pieces])
-    start, end = masses @ motion.velocity[0, :, :3], masses @ motion.velocity[-1, :, :3]
-    return float(np.linalg.norm(end - start) / (masses @ np.linalg.norm(motion.velocity[0, :, :3], axis=1)))
-
-
-def steady(rows: Sequence[Row]) -> Iterator[Point]:
-    """Yield points whose error is the largest of that and all finer settings: a lucky step counts for nothing."""
-    for method in dict.fromkeys(row.method for row in rows):
-        worst = 0.0
-        for row in reversed([row for row in rows if row.method == method]):
-            worst = max(worst, row.error if row.error == row.error else math.inf)
-            yield Point(row.test, method, row.setting, worst, row.time)
-
-
-ENGINES = ("ours", "MuJoCo", "Bullet")
-
-
-def lines(test: Trial, rows: Sequence[Row]) -> Iterator[Line]:
-    """Compare the engines at each error."""
-    points = list(steady([row for row in rows if row.test == test.name]))
-    seen = {engine for engine in ENGINES for point in points if _is_of(engine, point.method)}
-    for error in test.asked:
-        found = [
-            cheapest(error, points, test.name, partial(_is_of, engine)) if engine in seen else (math.inf, "none")
-            for engine in ENGINES
-        ]
-        ours, mujocos, bullets = (cost for cost, _ in found)
-        yield Line(test.name, error, ours, mujocos / ours, bullets / ours, "; ".join(name for _, name in found))
-
-
-def _is_of(engine: str, method: str) -> bool:
-    return method.startswith(engine)
+    def momentum(self, motion: Motion) -> str:
+        """State by how much the momentum changes, by the sum of its sizes at the start; a floor takes some."""
+        if self.floor:
+            return ""
+        masses = np.array([piece.mass for piece in self.pieces])
+        start, end = masses @ motion.velocity[0, :, :3], masses @ motion.velocity[-1, :, :3]
+        whole = masses @ np.linalg.norm(motion.velocity[0, :, :3], axis=1)
+        return f"momentum changes by {np.linalg.norm(end - start) / whole:.0e}"
 
 
 # ---------------------------------------------------------------------------------------------- tests
@@ -243,7 +138,8 @@ def rolling(side: int = 5) -> Trial:
 
     x, y, z = force * along
     asked = 1e-1, 1e-2, 1e-3, 1e-4
-    return Trial("rolling", [box, *balls], 2.5, error, asked, friction=mu, force=(x, y, z), start=start)
+    return Trial("rolling", [box, *balls], 2.5, error, asked, friction=mu, force=(x, y, z), start=start,
+                 unit="of velocities")  # fmt: skip
 
 
 def bouncing() -> Trial:
@@ -254,7 +150,8 @@ def bouncing() -> Trial:
         end = motion.position[-1, 0, 2] - 0.1 + 0.5 * float((motion.velocity[-1, 0, :3] ** 2).sum()) / G
         return abs(end / height - 1.0)
 
-    return Trial("bouncing", [ball], 4.5, error, (1e-1, 1e-2, 1e-3, 1e-4, 1e-6), impact=math.sqrt(2.0 * G * height))
+    return Trial("bouncing", [ball], 4.5, error, (1e-1, 1e-2, 1e-3, 1e-4, 1e-6), impact=math.sqrt(2.0 * G * height),
+                 unit="of energy")  # fmt: skip
 
 
 def elastic(count: int = 6) -> Trial:
@@ -266,7 +163,8 @@ def elastic(count: int = 6) -> Trial:
         exact[-1, 0] = 1.0
         return float(np.linalg.norm(motion.velocity[-1, :, :3] - exact, axis=1).max())
 
-    return Trial("elastic", balls, 0.5, error, (1e-1, 1e-2, 1e-3, 1e-4, 1e-6), impact=1.0, floor=False, gravity=0.0)
+    return Trial("elastic", balls, 0.5, error, (1e-1, 1e-2, 1e-3, 1e-4, 1e-6), impact=1.0, floor=False, gravity=0.0,
+                 unit="of velocities")  # fmt: skip
 
 
 def cube(side: int, spacing: float) -> np.ndarray:
@@ -293,7 +191,7 @@ def heap(side: int) -> Trial:
             deepest.append(max(0.0, 0.2 - gaps.min(initial=1.0), 0.1 - place[:, 2].min()))
         return float(np.mean(deepest))
 
-    name, asked, depths = f"{side}{side}{side}", (1e-2, 3e-3, 1e-3, 3e-4), (1e-2, 1e-3, 1e-4)
+    name, asked, depths = f"{side}{side}{side}", (1e-2, 3e-3, 1e-3, 3e-4), (1e-2, 1e-3)
     return Trial(name, balls, 1.0, error, asked, friction=0.5, every=0.02, depths=depths)
 
 
@@ -320,30 +218,47 @@ RESTING = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4)  # steps of bodies that do not bo
 BOUNCING = (1e-2, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5)  # ... and of those that do
 LOOSE = (1e-1, 1e-2, 1e-3, 1e-4)
 TIGHT = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
-RESTS: tuple[IntegratorName, ...] = ("implicit_euler", "midpoint", "ars343")
+RESTS: tuple[IntegratorName, ...] = ("implicit_euler", "ars343")
+BOUNCES: tuple[IntegratorName, ...] = ("extrapolation", "midpoint")
 
 
 def methods(test: Trial) -> Iterator[Method]:
     """Yield all methods of the engines that are installed."""
     if test.impact:
-        for name in ("extrapolation", "dop853", "rk4", "midpoint"):
+        for name in BOUNCES:
             settings: Sequence[float] = TIGHT if INTEGRATORS[name].adaptive else BOUNCING
-            yield Method(f"ours {name}", settings, partial(our_run, test, name, SINKS))
+            yield Method("ours", name, settings, partial(_timed, test, partial(our_run, test, name, SINKS)))
     else:
-        for name in RESTS[: 2 if len(test.pieces) > MANY else 3]:
+        for name in RESTS[: 1 if len(test.pieces) > MANY else 2]:
             settings = LOOSE if INTEGRATORS[name].adaptive else RESTING
             for depth in test.depths:
-                yield Method(f"ours {name}, {depth:.0e} m", settings, partial(our_run, test, name, depth))
+                ready = partial(our_run, test, name, depth)
+                yield Method("ours", f"{name}, sinks {depth:.0e} m", settings, partial(_timed, test, ready))
     steps = BOUNCING if test.impact else RESTING
-    if installed("mujoco"):
-        kinds = integrators(*(("Euler", "RK4") if test.impact else ("Euler", "discrete")))
-        for (name, kind), stiff in ((one, stiff) for one in kinds for stiff in (True, False)):
-            if stiff or (not test.impact and name == "Euler"):
-                label = f"MuJoCo {name}" + ("" if test.impact else ", stiff" if stiff else ", default")
-                yield Method(label, steps, partial(mujoco_run, test, kind, stiff))
-    if installed("pybullet"):
+    if installed(ENGINES["MuJoCo"]):
+        solvers = ("stiff",) if test.impact else ("stiff", "stiff, noslip", "default")
+        for scheme, kind in integrators(*(("Euler", "RK4") if test.impact else ("Euler", "discrete"))):
+            for solver in solvers if scheme == "Euler" else ("stiff",):
+                label = scheme if test.impact else f"{scheme}, {solver}"
+                yield Method("MuJoCo", label, steps, partial(_timed, test, partial(mujoco_run, test, kind, solver)))
+    if installed(ENGINES["Bullet"]):
         for sweeps in SWEEPS:
-            yield Method(f"Bullet {sweeps}", steps, partial(bullet_run, test, sweeps))
+            ready = partial(bullet_run, test, sweeps)
+            yield Method("Bullet", f"{sweeps} iterations", steps, partial(_timed, test, ready))
+
+
+def _timed(test: Trial, ready: Callable[[float], Once], setting: float) -> Timed:
+    """Prepare a run that finds its error."""
+    run = ready(setting)
+
+    def once() -> Result:
+        motion, spent = run()
+        known = bool(np.isfinite(motion.velocity).all())
+        error = test.error(motion) if known else math.inf
+        error = error if error == error else math.inf
+        return Result(error, spent, test.momentum(motion) if error < math.inf else "fails, or gains energy")
+
+    return once
 
 
 def our_run(test: Trial, integrator: IntegratorName, depth: float, setting: float) -> Once:
@@ -383,8 +298,9 @@ def our_run(test: Trial, integrator: IntegratorName, depth: float, setting: floa
     return once
 
 
-def mujoco_run(test: Trial, integrator: Any, stiff: bool, h: float) -> Once:
-    """Prepare a run in MuJoCo."""
+def mujoco_run(test: Trial, integrator: Any, contact: str, h: float) -> Once:
+    """Prepare a run in MuJoCo; contact: "stiff", "stiff, noslip" or "default"."""
+    stiff = contact != "default"
     if test.impact:
         solver = f'solref="{-((test.impact / SINKS) ** 2)} 0" solimp="0.9999 0.9999 0.001"'
     else:
@@ -399,6 +315,7 @@ def mujoco_run(test: Trial, integrator: Any, stiff: bool, h: float) -> Once:
         bodies.append(f'<body name={quoteattr(f"p{k}")} pos="{place}"><freejoint/><geom {form}/></body>')
     floor = f'<geom type="plane" size="0 0 1" {touch}/>' if test.floor else ""
     option = f'timestep="{h}" gravity="0 0 {-test.gravity}" cone="elliptic" impratio="{100 if stiff else 1}"'
+    option += ' noslip_iterations="10"' * contact.endswith("noslip")
     text = f"<option {option}/><size memory=\"500M\"/><worldbody>{floor}{''.join(bodies)}</worldbody>"
     m = mujoco.MjModel.from_xml_string(f"<mujoco>{text}</mujoco>")
     m.opt.integrator = integrator
@@ -426,39 +343,34 @@ def bullet_run(test: Trial, sweeps: int, h: float) -> Once:
     every = round(test.every / h)
 
     def once() -> tuple[Motion, float]:
-        world = _world()
-        numbers = _laid_in_bullet(world, test, sweeps, h)
+        space = world()
+        numbers = _laid_in_bullet(space, test, sweeps, h)
         spent = 0.0
-        found = [_seen_in_bullet(world, numbers)]
+        found = [_seen_in_bullet(space, numbers)]
         for k in range(round(test.duration / test.every)):
             push, begin = any(test.force) and k * test.every > test.start - 1e-9, time.thread_time()
             for _ in range(every):
                 if push:
-                    place, _ = world.getBasePositionAndOrientation(numbers[0])
-                    world.applyExternalForce(numbers[0], -1, test.force, place, bullet.WORLD_FRAME)
-                world.stepSimulation()
+                    place, _ = space.getBasePositionAndOrientation(numbers[0])
+                    space.applyExternalForce(numbers[0], -1, test.force, place, bullet.WORLD_FRAME)
+                space.stepSimulation()
             spent += time.thread_time() - begin
-            found.append(_seen_in_bullet(world, numbers))
+            found.append(_seen_in_bullet(space, numbers))
         return Motion(*map(np.array, zip(*found))), spent
 
     return once
 
 
-@cache
-def _world() -> Any:
-    return bullet_client.BulletClient(connection_mode=bullet.DIRECT)
-
-
-def _laid_in_bullet(world: Any, test: Trial, sweeps: int, h: float) -> list[int]:
+def _laid_in_bullet(space: Any, test: Trial, sweeps: int, h: float) -> list[int]:
     """Make the bodies; return their numbers."""
-    world.resetSimulation()
-    world.setGravity(0.0, 0.0, -test.gravity)
-    world.setPhysicsEngineParameter(
+    space.resetSimulation()
+    space.setGravity(0.0, 0.0, -test.gravity)
+    space.setPhysicsEngineParameter(
         fixedTimeStep=h, numSolverIterations=sweeps, numSubSteps=0, solverResidualThreshold=0.0, useSplitImpulse=1,
         restitutionVelocityThreshold=0.0, enableConeFriction=1, deterministicOverlappingPairs=1,
     )  # fmt: skip
     if test.impact:  # else it takes speed from balls that come near, and adds energy where they overlap
-        world.setPhysicsEngineParameter(contactBreakingThreshold=1e-4, erp=0.0, contactERP=0.0)
+        space.setPhysicsEngineParameter(contactBreakingThreshold=1e-4, erp=0.0, contactERP=0.0)
     own = {"restitution": float(test.impact > 0.0), "lateralFriction": math.sqrt(test.friction)}  # it takes products
     own |= {"linearDamping": 0.0, "angularDamping": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0}
     own |= {"activationState": bullet.ACTIVATION_STATE_DISABLE_SLEEPING}
@@ -467,49 +379,18 @@ def _laid_in_bullet(world: Any, test: Trial, sweeps: int, h: float) -> list[int]
         shape = piece.shape
         form = {"radius": shape.radius} if isinstance(shape, Sphere) else {"halfExtents": [0.5 * x for x in shape.size]}
         kind = bullet.GEOM_SPHERE if isinstance(shape, Sphere) else bullet.GEOM_BOX
-        made = world.createMultiBody(
-            piece.mass, world.createCollisionShape(kind, **form), basePosition=piece.position, useMaximalCoordinates=1
+        made = space.createMultiBody(
+            piece.mass, space.createCollisionShape(kind, **form), basePosition=piece.position, useMaximalCoordinates=1
         )
-        world.changeDynamics(made, -1, **own)
-        world.resetBaseVelocity(made, piece.velocity)
+        space.changeDynamics(made, -1, **own)
+        space.resetBaseVelocity(made, piece.velocity)
         numbers.append(made)
     if test.floor:
-        plane = world.createCollisionShape(bullet.GEOM_PLANE, planeNormal=[0, 0, 1])
-        world.changeDynamics(world.createMultiBody(0.0, plane, useMaximalCoordinates=1), -1, **own)
+        plane = space.createCollisionShape(bullet.GEOM_PLANE, planeNormal=[0, 0, 1])
+        space.changeDynamics(space.createMultiBody(0.0, plane, useMaximalCoordinates=1), -1, **own)
     return numbers
 
 
-def _seen_in_bullet(world: Any, numbers: Sequence[int]) -> tuple[list, list]:
-    places = [world.getBasePositionAndOrientation(number)[0] for number in numbers]
-    return places, [[*sum(world.getBaseVelocity(number), ())] for number in numbers]
-
-
-def _bullet_version() -> Iterator[tuple[str, str]]:
-    if installed("pybullet"):
-        from importlib.metadata import version
-
-        yield "pybullet", version("pybullet")
-
-
-# ---------------------------------------------------------------------------------------------- output
-
-
-@look()
-def plot(path: Path, rows: Sequence[Row], notes: str) -> None:
-    """Draw time against error, a panel for each test: the best of each engine thick."""
-    names = list(dict.fromkeys(row.test for row in rows))
-    figure, panels = subplots(4.0 * len(names), 4.0, 1, len(names), squeeze=False)
-    for panel, name in zip(panels[0], names):
-        for engine, color, marker in zip(ENGINES, COLORS, "os^"):
-            of = [row for row in rows if row.test == name and row.method.startswith(engine)]
-            for k, method in enumerate(dict.fromkeys(row.method for row in of)):
-                line = [row for row in of if row.method == method and 0.0 < row.error < 10.0]
-                label = engine if k == 0 else None
-                panel.loglog(
-                    [row.error for row in line], [row.time for row in line], "-", color=color, marker=marker,
-                    markersize=3.5, linewidth=0.9, label=label,
-                )  # fmt: skip
-        panel.set(title=name, xlabel="error", ylabel="CPU time per simulated second [ms]")
-    panels[0][0].legend()
-    figure.suptitle(notes, fontsize=7)
-    save_figure(figure, path)
+def _seen_in_bullet(space: Any, numbers: Sequence[int]) -> tuple[list, list]:
+    places = [space.getBasePositionAndOrientation(number)[0] for number in numbers]
+    return places, [[*sum(space.getBaseVelocity(number), ())] for number in numbers]

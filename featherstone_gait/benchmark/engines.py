@@ -28,6 +28,12 @@ STIFFNESS = 400.0  # of drifted loops in Pinocchio [1/s^2]
 LONGEST = 10.0  # of a case that MuJoCo runs [s]
 
 
+def integrators(*names: str) -> list[tuple[str, Any]]:
+    """Return MuJoCo's integrators of these names; older versions lack some."""
+    kinds = ((name, getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)) for name in names)
+    return [(name, kind) for name, kind in kinds if kind is not None]
+
+
 class Lazy:
     """An optional package, imported when something of it is first used."""
 
@@ -152,8 +158,11 @@ def standing_on(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
 
 def bounded(model: Model) -> Model:
     """Give joints without limits wide ones: Pinocchio describes unlimited ones by sine and cosine, which is slower."""
-    wide: dict[str, Any] = {"type": "revolute", "lower": -1e3, "upper": 1e3, "effort": 1e3, "velocity": 1e3}
-    joints = (replace(j, **wide) if j.type == "continuous" else j for j in model.joints)
+    wide: dict[str, Any] = {"lower": -1e3, "upper": 1e3, "effort": 1e3, "velocity": 1e3}
+    kinds: dict[str, Any] = {"continuous": "revolute", "prismatic": "prismatic"}
+    joints = (
+        replace(j, type=kinds[j.type], **wide) if j.type in kinds and j.lower == -math.inf else j for j in model.joints
+    )
     return replace(model, joints=tuple(joints))
 
 

@@ -141,19 +141,19 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 def _row(kind: str, program: str, folder: str, full: bool) -> Row:
     repeats = REPEATS_FULL if full else REPEATS
-    cold = _seconds(program, f"{folder}/{kind}")
-    cached = min(_seconds(program, f"{folder}/{kind}") for _ in range(repeats))
-    further, stored = _seconds(program, f"{folder}/all"), math.nan
+    cold = seconds(program, f"{folder}/{kind}")
+    cached = min(seconds(program, f"{folder}/{kind}") for _ in range(repeats))
+    further, stored = seconds(program, f"{folder}/all"), math.nan
     if levels():
         made = Path(folder, kind, "stores", Path(CACHE_FOLDER).name, "kernels")
         made.mkdir(parents=True)
         record(program, made, levels()[:1])
         caches = [f"{folder}/{kind}/again{k}" for k in range(repeats)]
-        stored = min(_seconds(program, shutil.copytree(made.parents[1], cache)) for cache in caches)
+        stored = min(seconds(program, shutil.copytree(made.parents[1], cache)) for cache in caches)
     return Row(kind, cold, further, cached, stored)
 
 
-def _seconds(program: str, cache: str) -> float:
+def seconds(program: str, cache: str) -> float:
     """Run a process with its cache in that folder; return its CPU time [s]."""
     environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-c", program]

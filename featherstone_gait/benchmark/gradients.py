@@ -71,7 +71,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     host, repeats = machine(), REPEATS_FULL if full else REPEATS
     print(host)
     with quick_mujoco() if installed("mujoco") else nullcontext():
-        rows = (row for timed in (*map(_falling, KNOTS), _walk()) for row in _times(timed, repeats))
+        rows = (row for timed in (*map(falling, KNOTS), _walk()) for row in _times(timed, repeats))
         return tabulate(out_dir / "gradients.csv", Row, rows, host)
 
 
@@ -120,7 +120,7 @@ class Fall(NamedTuple):
         return np.array([np.interp(middle, self.times, one) for one in np.eye(len(self.times))]).T
 
 
-def _falling(knots: int) -> list[Timed]:
+def falling(knots: int) -> list[Timed]:
     """Prepare gradients by torques at so many knots."""
     model = load_robot("humanoid")
     free = tuple(replace(joint, damping=0.0, friction=0.0) for joint in model.joints)

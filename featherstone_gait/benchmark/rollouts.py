@@ -44,8 +44,8 @@ from ..run.reference import Reference
 from ..run.simulate import simulate_stream, standing_state
 from ..run.worlds import Distribution, Worlds
 from ..scene.compile import IntegratorName, compile_scene
-from .engines import Lazy, humanoid_spec, mujoco, quick_mujoco, rollout, standing_on
-from .peers import Point, cheapest, integrators
+from .costs import Point, cheapest
+from .engines import Lazy, humanoid_spec, integrators, mujoco, quick_mujoco, rollout, standing_on
 from .skip import executed, free_arm
 from .skip import rollout as prepared
 from .table import installed, machine, tabulate
@@ -167,8 +167,8 @@ def lines(rows: Sequence[Row]) -> list[Line]:
 # ---------------------------------------------------------------------------------------------- programs
 
 
-def engines(model: Model) -> Iterator[Engine]:
-    """Yield the programs that are installed, ours first."""
+def engines(model: Model, vectors: bool = True) -> Iterator[Engine]:
+    """Yield the programs that are installed, ours first; vectors: also those that step all rollouts in a vector."""
     times, references = planned(model, COUNT)
     threads = (1, 2) if (os.cpu_count() or 1) > 1 else (1,)
     for own, steps in OURS.items():
@@ -180,6 +180,8 @@ def engines(model: Model) -> Iterator[Engine]:
         spec.option.integrator = kind
         name = f"MuJoCo {label}"
         yield Engine(name, THEIRS, mujoco_walk(spec.compile(), times, references), threads, name)
+    if not vectors:
+        return
     spec = humanoid_spec(model)
     if installed("mujoco.mjx") and installed("jax"):
         walk = mjx_walk(spec.compile(), times, references)

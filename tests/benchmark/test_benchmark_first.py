@@ -23,7 +23,7 @@ def test_it_counts_a_process_of_its_own_and_writes_its_table(tmp_path, monkeypat
 
 def test_a_process_that_fails_says_why(tmp_path):
     with pytest.raises(RuntimeError, match="no kind of that name"):
-        first._seconds("raise ValueError('no kind of that name')", str(tmp_path))
+        first.seconds("raise ValueError('no kind of that name')", str(tmp_path))
 
 
 @pytest.mark.long

@@ -7,8 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from featherstone_gait.benchmark import case, linkages, peers, precision, scenes
-from featherstone_gait.benchmark.peers import Point, cost_at
+from featherstone_gait.benchmark import case, linkages, precision, scenes
 from featherstone_gait.dynamics import energy, loop_gaps
 from featherstone_gait.run.simulate import simulate
 
@@ -196,51 +195,3 @@ def test_rows_survive_a_file_and_are_drawn(tmp_path):
     assert [repr(row) for row in again] == [repr(row) for row in rows]
     precision.plot(tmp_path / "precision.png", again)
     assert (tmp_path / "precision.png").stat().st_size > 1000
-
-
-# --- peers -------------------------------------------------------------------------------------------------------
-
-
-def points(errors, times):
-    return [Point("scene", "method", 10.0**-k, error, time) for k, (error, time) in enumerate(zip(errors, times))]
-
-
-def test_cost_is_interpolated_along_a_power_law():
-    line = points([1e-2, 1e-4, 1e-6], [1.0, 10.0, 100.0])
-    assert cost_at(1e-3, line) == pytest.approx(math.sqrt(10.0))
-    assert cost_at(1e-4, line) == 10.0
-    assert cost_at(1.0, line) == 1.0
-    assert cost_at(1e-7, line) == math.inf
-
-
-def test_nothing_is_interpolated_where_a_step_becomes_stable():
-    assert cost_at(1e-3, points([0.4, 1e-9], [1.0, 2.0])) == 2.0
-
-
-def test_a_missing_package_is_named_with_its_extra(monkeypatch, tmp_path):
-    monkeypatch.setattr(peers, "installed", lambda module: False)
-    with pytest.raises(ValueError, match=r"needs mujoco and pin: pip install \"featherstone-gait\[peers\]\""):
-        peers.run(tmp_path)
-
-
-def test_engines_agree_on_accelerations():
-    pytest.importorskip("mujoco")
-    pytest.importorskip("pinocchio")
-    for row in peers.forward_dynamics(scenes.chain(10), repeats=1):
-        assert row.error < 1e-12, row
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("make", peers.scenes(), ids=lambda problem: problem.name)
-def test_engines_agree_on_where_the_arm_ends(make):
-    """Of order 4 or more the peers reach the reference, which so has no error of its own that matters."""
-    pytest.importorskip("mujoco")
-    pytest.importorskip("pinocchio")
-    exact, start = case.solution(make)[0][-1], make.coordinates
-    methods = {**peers.mujoco_methods(make), **peers.scipy_methods(make)}
-    servos = (", position", ", dcmotor") if make.reference else ("",)
-    wanted = {"SciPy LSODA": (1e-11, 1e-7)} | {f"MuJoCo RK4{servo}": (1e-4, 1e-8) for servo in servos}
-    if make.model.loops:  # MuJoCo's are soft
-        wanted = {"MuJoCo RK4": (1e-3, 1e-3), "SciPy DOP853": (1e-9, 1e-5)}
-    for name, (setting, error) in wanted.items():
-        assert np.abs(methods[name][1](setting, *start)[0] - exact).max() < error, name

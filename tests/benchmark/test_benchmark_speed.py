@@ -29,3 +29,11 @@ def test_mujoco_s_humanoid_stands_on_its_soles_and_nothing_else_of_it_touches():
     assert {int(contact.geom1) for contact in data.contact} == {0}  # the floor
     assert data.qpos[2] == pytest.approx(height, abs=5e-3)
     assert m.body_mass.sum() == pytest.approx(model.mass)
+
+
+def test_engines_agree_on_accelerations():
+    pytest.importorskip("mujoco")
+    pytest.importorskip("pinocchio")
+    rows = {row.algorithm: row for row in speed.time_robot(scenes.chain(10), repeats=1)}
+    for name in (speed.MUJOCO, speed.PINOCCHIO, "ABA"):
+        assert rows[name].error < 1e-12, rows[name]

@@ -267,7 +267,7 @@ def test_problems_of_a_file_have_lines_of_their_own(tmp_path, capsys):
         ("optimize --iters 3", "error: there is no option --iters (did you mean --iterations?); `feather"),
         ("info arm7 arm8", "error: 'arm8' was not expected; `featherstone-gait info --help`"),
         ("info", "error: the following arguments are required: ROBOT; `featherstone-gait info --help`"),
-        ("benchmark spead", "error: argument NAME: 'spead' is none of speed, walk, "),
+        ("benchmark spead", "error: argument NAME: 'spead' is none of scoreboard, "),
         ("simulate arm7 --gearbox mips", "error: argument --gearbox: 'mips' is none of mipsd, rotor, standard, none "),
     ],
 )
