@@ -157,3 +157,4 @@ const lost = () => live.lost >= 0.01 ? live.lost.toFixed(2) + " s of real time l
 Object.assign(hands, { grab, drag, drop, pull, words: since => [live.ended, since, lost()] });
 window.viewer.live = live;
 beginLive();
+fit();  // the picture leaves room for the keys

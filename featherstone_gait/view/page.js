@@ -572,6 +572,7 @@ function panel(runs) {
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", "moving picture of " + runs.map(run => models[run.model].name + ", " + run.caption + ": " + statusText(run)).join("; "));
   now.className = "now";
+  new ResizeObserver(fit).observe(now);  // its words may need another line
   figure.append(caption, canvas, now);
   steer(canvas);
   return { runs, figure, canvas, now };

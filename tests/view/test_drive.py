@@ -192,6 +192,8 @@ def test_keys_of_the_command_that_say_nothing_are_refused(key, capsys):
 MIDDLE = """(() => { const r = document.querySelector("#views canvas").getBoundingClientRect();
 return [r.left + r.width / 2, r.top + r.height / 2]; })()"""
 REACH = """(() => ({wide: document.documentElement.scrollWidth - innerWidth,
+told: document.querySelector(".now").getBoundingClientRect().bottom
+  <= document.getElementById("controls").getBoundingClientRect().top,
 small: [...document.querySelectorAll("#controls button, #controls select")].filter(e => e.offsetParent).filter(e => {
   const r = e.getBoundingClientRect();
   return r.width < 40 || r.height < 40 || r.right > innerWidth || r.bottom > innerHeight + 0.5;
@@ -238,7 +240,8 @@ def test_dragging_in_the_page_pulls_the_robot_and_letting_go_ends_it(block, tmp_
 def test_all_is_in_reach_of_fingers_and_the_run_is_ended_in_the_page(block, tmp_path, size, dark):
     with driving(block, ["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight"]) as (url, _, held, page):
         with Tab(url, tmp_path, size, dark) as tab:
-            assert tab.value(REACH) == {"wide": 0, "small": []}
+            tab.until(f"{REACH}.told")
+            assert tab.value(REACH) == {"told": True, "wide": 0, "small": []}
             down = "document.querySelector('[data-key=ArrowLeft]')"
             at = tab.value(f"(r => [r.left + 9, r.top + 9])({down}.getBoundingClientRect())")
             tab.mouse("Pressed", *at)
