@@ -1,6 +1,7 @@
 """A robot that is driven by hand: what the page sends acts, in size and time as said, and is repeated to the bit."""
 
 import json
+import signal
 import threading
 import time
 import urllib.error
@@ -154,6 +155,33 @@ def test_what_was_driven_is_stored_also_where_the_command_fails(block, tmp_path,
     assert run.end_time == pytest.approx(0.05)
     assert Trajectory.load(tmp_path / "run").info["lost_time"] >= 0.0
     assert "http://127.0.0.1:" in capsys.readouterr().out
+
+
+def test_ctrl_c_ends_the_run_which_is_stored(block, tmp_path):
+    def command(held, seen):
+        count.append(0)
+        if len(count) == 5:
+            signal.raise_signal(signal.SIGINT)
+        return []
+
+    count = []
+    before = signal.getsignal(signal.SIGINT)
+    run = drive(block, ["a"], command=command, path=tmp_path / "run", port=0)
+    assert len(count) == 5
+    assert run.ok
+    assert Trajectory.load(tmp_path / "run").end_time == pytest.approx(5 * 0.01)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_lost_real_time_is_told_and_not_caught_up(block, tmp_path):
+    def command(held, seen):
+        time.sleep(0.05)  # in a tick of 0.01 s
+        return []
+
+    begun = time.monotonic()
+    run = drive(block, ["a"], command=command, duration=0.05, path=tmp_path / "run", port=0)
+    assert run.info["lost_time"] > 5 * 0.03
+    assert time.monotonic() - begun >= run.info["lost_time"] + 0.03  # the ticks take their time all the same
 
 
 @pytest.mark.long
