@@ -38,7 +38,7 @@ Robots that come with the package are called by name: arm7, arm7_spatial, ax12_a
 Exit codes: 0 done, 1 a simulation ended with a status other than ok or an experiment failed, 2 an argument or a file \
 is wrong, 130 interrupted."""
 
-FEWER = 100_000  # objects between two looks for garbage: imports make many that stay, a tenth of a short command's time
+FEWER = 500_000  # objects between two looks for garbage: imports make many that stay, a tenth of a short command's time
 
 
 def main(argv: list[str] | None = None) -> int:
