@@ -164,7 +164,7 @@ def test_the_citation_has_version_license_and_paper():
 def test_readme_links_lead_somewhere():
     links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if not link.startswith("http")]
     assert links
-    assert [link for link in links if not (ROOT / link).is_file()] == []
+    assert [link for link in links if not (ROOT / link.partition("#")[0]).is_file()] == []  # anchors: test_docs.py
     assert [name for name in robot_names() if f"`{name}`" not in README] == []
 
 
