@@ -24,6 +24,7 @@ ROOMS = ("compile", "tree", "effects", "step", "integrate")  # of core
 MODULES = {
     ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
     for path in PACKAGE.rglob("*.py")
+    if PACKAGE / "robots" not in path.parents  # of a wheel, with controllers in plain Python
 }
 
 

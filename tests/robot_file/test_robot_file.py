@@ -560,7 +560,9 @@ def test_a_directory_and_a_device_are_not_robots(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning")
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=200, deadline=None, database=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)  # a database would be beside the tests, which may be read alone
 @given(st.integers(0, len(URDF) - 1), st.integers(0, 40), st.binary(max_size=8))
 def test_a_damaged_file_is_read_or_refused_and_never_anything_else(tmp_path, start, length, noise):
     data = URDF.encode()
