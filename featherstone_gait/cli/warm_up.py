@@ -49,13 +49,19 @@ def run(args: Namespace) -> int:
     if args.out is None and not CACHE_FOLDER:
         raise ValueError("there is no folder for a cache that can be written: name one by --out")
     folder = args.out or Path(CACHE_FOLDER) / "kernels"
+    processes = whole("--processes", args.processes, 1, "give a number of processes", 1024)
+    for path in args.programs:
+        if not path.is_file():
+            raise ValueError(f"{path} is no file: name a program (.py) or a page (.md)")
+    if args.only and not args.programs:
+        raise ValueError("--only has no program: name one (.py, .md), or leave --only out")
     programs = {str(path): _code(path) if path.suffix == ".md" else path for path in args.programs}
     if not args.only:
         commands = OPTIMIZE, *(f"simulate {name}" for name in robot_names())
         named = {f"featherstone-gait {words}": COMMAND.format(repr(words)) for words in commands}
         programs = PROGRAMS | named | programs
-    announce(args, f"{len(programs)} programs, up to a minute each; Ctrl-C keeps what is done")
-    failed = _run(programs, folder, chosen, whole("--processes", args.processes, 1, "give a number of processes"))
+    announce(args, f"up to a minute for each of {len(programs)} programs; Ctrl-C keeps what is done")
+    failed = _run(programs, folder, chosen, processes)
     for level in chosen:
         kept = [folder / level / f"{name}.o" for name in Level(folder / level).kernels]
         print(f"{folder / level}: {len(kept)} kernels, {sum(path.stat().st_size for path in kept) / 1e6:.1f} MB")

@@ -193,5 +193,5 @@ def _whole(runs: list[Trajectory], plan: Parts, h: float) -> Trajectory:
 
     channels = joined([run.channels for run in runs])
     channels["time"] = runs[0]["time"][0] + np.arange(len(rows)) * (plan.every * h)
-    error = None if any(run.error is None for run in runs) else joined([run.error for run in runs])
+    error: Any = None if any(run.error is None for run in runs) else joined([run.error for run in runs])
     return replace(runs[-1], channels=channels, status=wrong.status, message=wrong.message, error=error)

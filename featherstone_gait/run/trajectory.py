@@ -68,7 +68,7 @@ class Trajectory(Mapping[str, np.ndarray]):
     end_time: float
     final: np.ndarray
     info: dict[str, Any] = field(default_factory=dict)
-    error: dict[str, np.ndarray] | None = None
+    error: dict[str, np.ndarray] = None  # type: ignore[assignment]  # a run without an estimate is the exception
     parts: dict[str, tuple[int, int]] | None = None
     second_final: np.ndarray | None = None
 
@@ -228,7 +228,8 @@ class Trajectory(Mapping[str, np.ndarray]):
             for kind in ("channel_", "error_")
         )
         parts = None if parts is None else _parts(text, parts, len(final))
-        return cls(channels, final=final, error=error or None, parts=parts, second_final=second, **described)
+        estimated: Any = error or None
+        return cls(channels, final=final, error=estimated, parts=parts, second_final=second, **described)
 
     contact, touched = contacts.contact, contacts.touched
 

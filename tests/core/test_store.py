@@ -164,6 +164,23 @@ def test_the_command_goes_on_from_what_is_there_and_says_what_fails(store, tmp_p
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.o")} == before
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nosuch.py", "--only"], "nosuch.py is no file: name a program"),
+        (["."], "is no file: name a program"),
+        (["--only"], "--only has no program"),
+        (["--processes", "0"], "from 1 to 1024"),
+    ],
+)
+def test_wrong_words_are_refused_before_anything_runs(words, said, tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        raise SystemExit(cli.main(["warm-up", *words, "--out", str(tmp_path / "store")]))
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "store").exists()
+
+
 def test_an_interrupted_command_ends_with_130_and_keeps_what_is_done(store, monkeypatch, capsys):
     def interrupt(*_):
         raise KeyboardInterrupt

@@ -37,25 +37,25 @@ class _TooLong(BaseException):
 
 @contextlib.contextmanager
 def time_limit(seconds):
-    """Fail if the block takes longer; Python code is interrupted, compiled code is noticed afterwards."""
+    """Fail if the block takes more processor time; Python code is interrupted, compiled code is noticed afterwards."""
     interrupts = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
 
     def stop(*_):
         raise _TooLong
 
-    start = time.perf_counter()
+    start = time.process_time()
     try:
         if interrupts:
-            before = signal.signal(signal.SIGALRM, stop)
-            signal.setitimer(signal.ITIMER_REAL, seconds)
+            before = signal.signal(signal.SIGPROF, stop)
+            signal.setitimer(signal.ITIMER_PROF, seconds)
         yield
     except _TooLong:
         raise AssertionError(f"takes more than {seconds:g} s") from None
     finally:
         if interrupts:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-            signal.signal(signal.SIGALRM, before)
-    assert time.perf_counter() - start < seconds, f"takes more than {seconds:g} s"
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            signal.signal(signal.SIGPROF, before)
+    assert time.process_time() - start < seconds, f"takes more than {seconds:g} s"
 
 
 def check_refusal(error, words):
