@@ -1,7 +1,8 @@
 """What the package index shows, made when a wheel or a source distribution is built: README and addresses.
 
 An index has no files beside the README.  If CITATION.cff states `repository-code`, links and pictures of the README
-lead there, and the index lists the project's addresses; else links become plain text, and pictures are left out.
+lead there, and the index lists the project's addresses; else links become plain text, and what is nothing but pictures
+and links is left out.
 """
 
 import re
@@ -10,6 +11,8 @@ from pathlib import Path
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 BESIDE = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:)([^)#\s]+)(#[^)\s]*)?\)")  # a link or a picture, and its file
+ASIDE = re.compile(r" \(\[[^\]]*\]\((?!https?:)[^)]*\)\)")  # a link in brackets of its own
+ALONE = re.compile(r"^!\[[^\n]*\n\n|^## Where to go\n.*?(?=^## )", re.MULTILINE | re.DOTALL)
 COMMENT = re.compile(r"^<!-- .*?-->\n", re.MULTILINE | re.DOTALL)  # those of docs/readme.py
 REPOSITORY = re.compile(r"""^repository-code: *["']?(https://[^"'\s]+)""", re.MULTILINE)
 
@@ -39,10 +42,11 @@ def repository(citation):
 
 def addresses(address):
     """Return what an index lists beside the README."""
+    paper = {"Paper": "https://doi.org/10.5772/54766"}
     if not address:
-        return {}
+        return paper
     files = f"{address}/blob/main"
-    return {
+    return paper | {
         "Repository": address,
         "Issues": f"{address}/issues",
         "Documentation": f"{files}/docs/index.md",
@@ -59,4 +63,5 @@ def for_index(readme, address, tag):
             return f"{picture}[{text}]({address}/{'raw' if picture else 'blob'}/{tag}/{path}{anchor})"
         return "" if picture else text
 
-    return BESIDE.sub(elsewhere, COMMENT.sub("", readme))
+    text = COMMENT.sub("", readme)
+    return BESIDE.sub(elsewhere, text if address else ASIDE.sub("", ALONE.sub("", text)))

@@ -12,7 +12,7 @@ from typing import Any
 
 from .base.deprecated import MOVED, renamed
 
-__version__ = "0.2.0.dev0"
+__version__ = "0.2.0"
 
 # The stub lists the public names, each with its module.
 _LINE = re.compile(rb"^from \.([\w.]+) import (\w+) as \2\r?$", re.MULTILINE)

@@ -66,7 +66,7 @@ def test_the_wheel_holds_package_robots_and_license(distributions):
     message = email.message_from_string(metadata)
     assert message["License-Expression"] == "MIT"
     assert message["Version"] == featherstone_gait.__version__
-    assert {f"Programming Language :: Python :: 3.{k}" for k in (11, 12, 13, 14)} <= {*message.get_all("Classifier")}
+    assert {f"Programming Language :: Python :: 3.{k}" for k in (11, 12, 13)} <= {*message.get_all("Classifier")}
     assert len(message.get_payload()) > 5000
     assert re.findall(r"\]\((?!https:)|<!--", message.get_payload()) == []  # an index has no files beside its README
 
@@ -76,14 +76,16 @@ def test_an_index_gets_links_into_the_repository_if_one_is_stated():
     metadata = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(metadata)
     address = metadata.repository("license: MIT\nrepository-code: 'https://host/us/it/'\n")
-    assert (address, metadata.repository("title: x\n"), metadata.addresses("")) == ("https://host/us/it", "", {})
-    assert all(url.startswith(address) for url in metadata.addresses(address).values())
+    assert (address, metadata.repository("title: x\n")) == ("https://host/us/it", "")
+    assert [*metadata.addresses("")] == ["Paper"]
+    assert all(url.startswith(address) for name, url in metadata.addresses(address).items() if name != "Paper")
     text = "![A walk](docs/walk.gif) [a](docs/a.md#b), [c](https://c.org/d) and [e](LICENSE)\n<!-- f\n-->\ng"
     assert metadata.for_index(text, address, "v1") == (
         "![A walk](https://host/us/it/raw/v1/docs/walk.gif) [a](https://host/us/it/blob/v1/docs/a.md#b), "
         "[c](https://c.org/d) and [e](https://host/us/it/blob/v1/LICENSE)\ng"
     )
-    assert metadata.for_index(text, "", "v1") == " a, [c](https://c.org/d) and e\ng"
+    text = "![A](a.gif)\n\n[a](docs/a.md#b) ([how](h.md)), [c](https://c.org).\n\n## Where to go\n\n[e](f)\n\n## End\n"
+    assert metadata.for_index(text, "", "v1") == "a, [c](https://c.org).\n\n## End\n"
 
 
 def test_the_source_distribution_holds_all_that_the_tests_need(distributions):
