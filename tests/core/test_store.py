@@ -178,7 +178,7 @@ def test_wrong_words_are_refused_before_anything_runs(words, said, tmp_path, cap
         raise SystemExit(cli.main(["warm-up", *words, "--out", str(tmp_path / "store")]))
     assert ended.value.code == 2
     assert said in capsys.readouterr().err
-    assert not (tmp_path / "store").exists()
+    assert not any((tmp_path / "store").rglob("*"))
 
 
 def test_an_interrupted_command_ends_with_130_and_keeps_what_is_done(store, monkeypatch, capsys):
