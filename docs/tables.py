@@ -121,7 +121,9 @@ def _cell(row: Sequence[Record], kind: str | None, name: str, scale: str | None,
 
 
 def _digits(number: float, form: str) -> str:
-    """Return a number without the zeros of its exponent and the sign of nothing."""
+    """Return a number without zeros in its exponent or the sign of nothing; "g" has none of 1 to a million."""
+    if form.endswith("g") and 1.0 <= abs(number) < 1e6:
+        return f"{float(format(number, form)):g}"
     text = re.sub(r"e([+-])0", r"e\1", format(number, form))
     return text.lstrip("-+").removesuffix("e+0") if float(text) == 0.0 else text
 

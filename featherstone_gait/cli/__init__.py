@@ -29,11 +29,12 @@ COMMANDS = tuple(import_module(f".{name}", __name__) for name in NAMES.split())
 ABOUT = "Simulate robots driven by hobby servos, and search for gaits that take less energy."
 BEGIN = """where to start:
   featherstone-gait simulate humanoid      simulate a robot, plot and save the run
-  featherstone-gait optimize               find a humanoid a gait (2.5 minutes)
+  featherstone-gait optimize               find a humanoid a gait (about a minute)
   featherstone-gait info my_robot.urdf     check your robot file
   featherstone-gait COMMAND --help         arguments, files written, duration
 
-Robots that come with the package are called by name: arm7, arm7_spatial, ax12_arm, ax12_whole_arm, humanoid.
+Robots that come with the package are called by name: arm7, arm7_spatial, ax12_arm, ax12_whole_arm, balancer, blimp, \
+humanoid, line_follower, omni_robot, rov.
 
 Exit codes: 0 done, 1 a simulation ended with a status other than ok or an experiment failed, 2 an argument or a file \
 is wrong, 130 interrupted."""

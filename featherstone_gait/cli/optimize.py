@@ -5,7 +5,7 @@ _convergence.png, _angles.png, _angles.csv [deg], _goal_positions.csv (AX-12, ev
 _limits_history.jsonl (the search, for --resume), with --feedback _feedback_history.jsonl, and with --crosscheck
 _crosscheck.json and .csv.
 
-Takes less than a minute on two cores, the first time half a minute more, to compile, with --crosscheck a minute more;
+Takes about a minute on two cores, half a minute more where kernels must be compiled, with --crosscheck a minute more;
 the time grows in proportion to the numbers of candidates and worlds, and is printed before the search.
 
   featherstone-gait optimize

@@ -130,7 +130,7 @@ def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
         duration = estimate_in_words(sum(job.seconds.values()))
     else:
         duration = "how long is estimated from the first gait"
-    job.print(f"duration: {duration}; the first run takes half a minute more, to compile")
+    job.print(f"duration: {duration}; half a minute more where kernels must be compiled")
     return job
 
 

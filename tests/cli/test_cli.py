@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from featherstone_gait import Ground, Mimic, Trajectory, cli, compile_scene, load_robot
+from featherstone_gait import Ground, Mimic, Trajectory, cli, compile_scene, load_robot, robot_names
 from featherstone_gait.cli import simulate as simulate_command
 from featherstone_gait.optimize import job as optimize
 from featherstone_gait.optimize.options import OptimizeOptions
@@ -525,6 +525,7 @@ def test_the_command_alone_shows_where_to_start(capsys):
     text = capsys.readouterr().out
     assert "where to start:" in text
     assert all(f"  {command} " in text for command in COMMANDS)
+    assert ", ".join(robot_names()) in " ".join(text.split())
     examples = [line.split()[1:] for line in text.partition("where to start:\n")[2].splitlines() if line[:2] == "  "]
     assert len(examples) == 4
     assert all(name in COMMANDS for name, *_ in examples[:3])
