@@ -57,7 +57,8 @@ def frames(page: str, name: str, folder: Path) -> list[Image.Image]:
     speed, begin, end, span, middle, (yaw, pitch) = VIEWS[name]
     times = [begin + k * speed / RATE for k in range(1 + round((end - begin) * RATE / speed))]
     prints = name in ("walk", "push")
-    asked = {"times": times, "prints": prints, "middle": middle, "view": {"span": span, "yaw": yaw, "pitch": pitch}}
+    view = {"span": span, "low": 1.0, "yaw": yaw, "pitch": pitch}
+    asked = {"times": times, "prints": prints, "middle": middle, "view": view}
     (folder / "frames.html").write_text(page.replace("</body>", SCRIPT % (json.dumps(asked), WIDTH, HEIGHT)), "utf-8")
     command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--window-size=700,900",
                f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=3000", "--dump-dom",

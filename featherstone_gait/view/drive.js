@@ -35,7 +35,7 @@ function hit(o, d, model, at) {  // the nearest body that a ray meets, and where
 
 const world = (p, x) => [0, 1, 2].map(k => p[k] + p[3 + 3 * k] * x[0] + p[4 + 3 * k] * x[1] + p[5 + 3 * k] * x[2]);
 function seenFrom(canvas) {
-  const [main] = panels.find(panel => panel.canvas === canvas).runs;
+  const main = lead(panels.find(panel => panel.canvas === canvas).runs);
   const ratio = window.devicePixelRatio || 1;
   return camera(canvas.clientWidth * ratio, canvas.clientHeight * ratio, center(main, poses(main, state.time)));
 }

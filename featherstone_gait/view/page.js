@@ -5,14 +5,14 @@ const data = { models: [], runs: [], plots: [], notes: [], ...JSON.parse(documen
 const FAR = 2.4;            // distance of the eye by the width that is seen
 const ARROW = 0.35;         // length of a force of the whole weight, by the width that is seen at first
 const KEPT = 240;           // durations of frames that are kept
-const FOLLOWS = !data.together || Boolean(data.live);  // whether the camera can follow the first robot
+const FEW = 3;              // members of a scene whose states are told one by one
 const $ = id => document.getElementById(id);
 const media = query => window.matchMedia ? window.matchMedia(query) : { matches: false, addEventListener() {} };
 const still = media("(prefers-reduced-motion: reduce)").matches;
 
 const start = Math.min(...data.runs.map(run => run.times[0]));
 const end = Math.max(...data.runs.map(run => Math.max(run.end, run.times.at(-1))));
-const view = { yaw: -1.1, pitch: 0.3, span: data.span, pan: [0, 0, 0] };
+const view = { yaw: -1.1, pitch: 0.3, span: data.span, low: data.low || 1, pan: [0, 0, 0] };  // low: of the span, what has to fit in height
 const shown = { follow: true, forces: true, prints: true, rays: true, load: false, meshes: true, ghosts: data.ghosts && data.runs.length > 1 };
 const state = { time: start, playing: !still && end > start, dirty: true, touched: -Infinity, drawn: -Infinity };
 const hands = { grab: () => false, drag: () => false, drop() {}, pull() {}, words: since => [since] };  // of view/drive.js
@@ -56,6 +56,10 @@ const models = data.models.map(model => ({
   }),
 }));
 
+const walks = run => models[run.model].moves && models[run.model].joints.length > 0;
+const lead = runs => runs.find(walks) || runs[0];  // what the camera follows, and the words under a picture are about
+const FOLLOWS = !data.together || Boolean(data.live) || data.runs.some(walks);
+
 function place(run, t) {  // frame and how far to the next
   const times = run.times;
   let a = 0, b = times.length - 1;
@@ -86,7 +90,7 @@ const mixed = (a, b, f, scale) => a.map((x, k) => scale * (x + f * (b[k] - x)));
 function camera(w, h, center) {
   const cy = Math.cos(view.yaw), sy = Math.sin(view.yaw), cp = Math.cos(view.pitch), sp = Math.sin(view.pitch);
   const back = [cp * cy, cp * sy, sp], right = [-sy, cy, 0], up = [-sp * cy, -sp * sy, cp];
-  const distance = FAR * view.span, focus = FAR * Math.min(w, h / 0.82), near = 0.05 * distance;
+  const distance = FAR * view.span, focus = FAR * Math.min(w, h / (0.82 * view.low)), near = 0.05 * distance;
   const eye = center.map((x, k) => x + distance * back[k]);
   const toward = p => {  // right, up, depth
     const x = p[0] - eye[0], y = p[1] - eye[1], z = p[2] - eye[2];
@@ -551,11 +555,23 @@ function short(x) { return Math.abs(x) >= 100 ? x.toFixed(0) : Math.abs(x) >= 1 
 const ended = (run, t) => run.failed && t >= run.end - 1e-9;
 const statusText = run => run.failed ? run.status + " at " + short(run.end) + " s" : run.status;
 
+function told(runs) {  // whose states are told in one line
+  const all = new Map();
+  runs.forEach((run, k) => {
+    const key = data.together && runs.length > FEW ? run.status + statusText(run) + run.message : k;
+    all.set(key, [...(all.get(key) || []), run]);
+  });
+  return [...all.values()].map(alike => ({
+    of: alike.length > FEW ? alike.length + " bodies" : alike.map(run => run.caption).join(", "), run: alike[0], alike,
+  }));
+}
+
 function panel(runs) {
   const figure = document.createElement("figure"), caption = document.createElement("figcaption");
-  for (const run of runs) {
+  const groups = told(runs);
+  for (const { of, run } of groups) {
     const line = document.createElement("div"), status = document.createElement("span");
-    line.append(run.caption + " ");
+    line.append(of + " ");
     status.className = "status " + (run.status === "ok" ? "ok" : "bad");
     status.textContent = statusText(run);
     if (run.times.length > 1 || run.status !== "ok") line.append(status);
@@ -570,7 +586,7 @@ function panel(runs) {
   const canvas = document.createElement("canvas"), now = document.createElement("div");
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", "moving picture of " + runs.map(run => models[run.model].name + ", " + run.caption + ": " + statusText(run)).join("; "));
+  canvas.setAttribute("aria-label", "moving picture of " + groups.map(({ of, run, alike }) => (alike.length > 1 ? of : models[run.model].name + ", " + of) + ": " + statusText(run)).join("; "));
   now.className = "now";
   new ResizeObserver(fit).observe(now);  // its words may need another line
   figure.append(caption, canvas, now);
@@ -592,8 +608,9 @@ function fit() {  // pictures get what the window leaves, so that the controls a
   const around = $("views").getBoundingClientRect().top + scrollY + $("controls").offsetHeight + 10;
   const rest = Math.max(...panels.map(p => p.figure.offsetHeight - p.canvas.offsetHeight)) + 8;
   const plots = innerHeight > 640 && data.plots.length ? 196 : 0;
+  const half = rows > 1 || data.live ? 0 : innerHeight / 2;  // of the window at least is the picture
   for (const { canvas } of panels) {
-    const room = (innerHeight - around - plots) / rows - rest;
+    const room = Math.max((innerHeight - around - plots) / rows - rest, half);
     canvas.style.height = Math.round(Math.max(110, Math.min((innerWidth <= 600 ? 1.2 : 0.8) * canvas.clientWidth, room))) + "px";
   }
   plotLayers();
@@ -611,8 +628,8 @@ function drawPanel({ runs, canvas, now }) {
   const ratio = window.devicePixelRatio || 1;
   const w = Math.round(canvas.clientWidth * ratio), h = Math.round(canvas.clientHeight * ratio);
   if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
-  const g = canvas.getContext("2d", { alpha: false }), t = state.time, [main] = runs;
-  const at = runs.map(run => poses(run, Math.min(t, run.end))), cam = camera(w, h, center(main, at[0]));
+  const g = canvas.getContext("2d", { alpha: false }), t = state.time, main = lead(runs);
+  const at = runs.map(run => poses(run, Math.min(t, run.end))), cam = camera(w, h, center(main, at[runs.indexOf(main)]));
   g.fillStyle = colors.sky;
   g.fillRect(0, 0, w, h);
   ground(g, cam, main.floor);
@@ -633,7 +650,7 @@ function drawPanel({ runs, canvas, now }) {
   for (const k of order) {
     const run = runs[k], model = models[run.model];
     const touching = contacts(run, Math.min(t, run.end)).filter(c => c.touches);
-    if (shown.prints) support(g, cam, touching);
+    if (shown.prints && run.feet) support(g, cam, touching);
     if (k && !data.together) ghost(g, cam, model, at[k], how(run));
     else robot(g, cam, model, at[k], how(run), main.level, side);
     if (shown.forces) {
@@ -644,10 +661,10 @@ function drawPanel({ runs, canvas, now }) {
   }
   hands.pull(g, cam, ratio);
   const failed = runs.filter(run => ended(run, t));
-  if (failed.length) stamp(g, failed.map(run => (runs.length > 1 ? run.caption + ": " : "") + statusText(run)).join("; "), w, ratio);
+  if (failed.length) stamp(g, told(failed).map(({ of, run }) => (runs.length > 1 ? of + ": " : "") + statusText(run)).join("; "), w, ratio);
   const loaded = runs.find(run => run.load);
   if (shown.load && loaded) legend(g, w, h, ratio, loaded.load.of);
-  text(now, (data.together ? main.caption + ": " : "") + readout(main, at[0], t));
+  text(now, (data.together && walks(main) ? main.caption + ": " : "") + readout(main, at[runs.indexOf(main)], t));
 }
 
 function loads(run, model, t) {
@@ -680,7 +697,7 @@ function legend(g, w, h, ratio, of) {
 
 function readout(run, at, t) {
   const words = [], [k, m, f] = place(run, Math.min(t, run.end));
-  if (models[run.model].moves) {
+  if (data.together ? walks(run) : models[run.model].moves) {
     const way = at[run.root][0] - data.unit * (run.home || run.frames[0])[7 * run.root];
     words.push((Math.round(1e3 * way) || 0) + " mm ahead");
   }
@@ -990,7 +1007,7 @@ function steer(canvas) {
 }
 
 const TOGGLES = [["follow", "C", "follow", FOLLOWS && data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces || r.pairs)],
-  ["prints", "P", "footprints", data.runs.some(r => r.points)], ["rays", "R", "rays", data.runs.some(r => r.rays)], ["load", "L", "load", data.runs.some(r => r.load)],
+  ["prints", "P", "footprints", data.runs.some(r => r.feet)], ["rays", "R", "rays", data.runs.some(r => r.rays)], ["load", "L", "load", data.runs.some(r => r.load)],
   ["meshes", "M", "full meshes", gl], ["ghosts", "G", "ghosts", data.runs.length > 1 && !data.together]].filter(toggle => toggle[3]);
 const buttons = {};
 function toggle(name) {

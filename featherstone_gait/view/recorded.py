@@ -81,12 +81,17 @@ def page_data(
     poses = [sampled(seen) for seen in runs.values()]
     boxes = [corners_of(seen.model, p, f) for seen, p, f in zip(runs.values(), poses, found)]
     if together:  # one box about all that all of them pass through
-        ends = [(box.min(axis=(0, 1)), box.max(axis=(0, 1))) for box in boxes]
-        whole = np.array([np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)])
+        begin, whole = _around([box[0] for box in boxes]), _around(boxes)
         boxes = [whole[None]] * len(boxes)
     across = max(1e-3, *(float(np.ptp(box[..., :2], axis=1).max()) for box in boxes))
     height = max(1e-3, *(float(np.ptp(box[..., 2], axis=1).max()) for box in boxes))
     unit = 10.0 ** math.floor(math.log10(max(FINE * max(across, height), 1e-9)))
+    span, low = max(1.45 * height, 1.55 * across), 1.0
+    if together:
+        begin = _near(begin, whole)
+        x, y, z = np.ptp(begin, axis=0)
+        span = max(1.45 * z, 1.15 * math.hypot(x, y), 1e-3)
+        low = min(1.0, 1.45 * max(y, z + 0.3 * math.hypot(x, y)) / span)  # y from above, the rest from a corner
     data: dict[str, Any] = {
         "unit": unit,
         "turn": TURN,
@@ -95,14 +100,29 @@ def page_data(
             {"caption": caption, "model": [*robots].index(id(seen.model))} | _run(seen, p, f, box, unit, len(runs))
             for (caption, seen), p, f, box in zip(runs.items(), poses, found, boxes)
         ],
-        "span": float(f"{(1.3 if together else 1.0) * max(1.45 * height, 1.55 * across):.3g}"),
+        "span": float(f"{span:.3g}"),
+        "low": float(f"{low:.3g}"),
         "plots": list(plots),
         "ghosts": ghosts,
         "together": together,
         "notes": list(dict.fromkeys(note for look in looks.values() for note in look.notes)),
     }
+    if together:
+        data["runs"] = [run | {"middle": np.round(begin.mean(axis=0), 4).tolist()} for run in data["runs"]]
     known_channels([run["channels"] for run in data["runs"]], plots)
     return data
+
+
+def _around(boxes: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the lowest and the highest coordinates (2, 3) of points (..., 3)."""
+    points = np.concatenate([box.reshape(-1, 3) for box in boxes])
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def _near(begin: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Widen the box of all bodies at first by what they pass through, but not by what leaves far."""
+    room = max(1e-3, float(np.ptp(begin, axis=0).max())) * np.array([0.25, 0.25, 1.0])  # what falls is seen to fall
+    return np.array([np.maximum(whole[0], begin[0] - room), np.minimum(whole[1], begin[1] + room)])
 
 
 def known_channels(runs: Sequence[Mapping[str, Any]], plots: Sequence[str]) -> list[str]:
@@ -281,7 +301,7 @@ def _touching(seen: Seen, poses: FramePoses, unit: float) -> dict[str, Any]:
     model, run, ground = seen.model, seen.trajectory, seen.ground
     pairs = _pushing(model, run, poses, unit)
     if ground is None or not model.contacts:
-        return {"points": None, "forces": None, "pairs": pairs, "prints": []}
+        return {"points": None, "forces": None, "pairs": pairs, "prints": [], "feet": False}
     weight = 9.81 * model.mass
     forces = _sound(run["contact_force"]) if "contact_force" in run else None
     q = positions(run, model)[: poses.last + 1]
@@ -302,6 +322,7 @@ def _touching(seen: Seen, poses: FramePoses, unit: float) -> dict[str, Any]:
         "touch": None if touch_at_frames is None else touch_at_frames.astype(int).tolist(),
         "weight": float(f"{weight:.4g}"),
         "prints": _prints(model, run["time"][fine], close, touch, unit),
+        "feet": bool(_feet(model)),
     }
 
 
@@ -381,11 +402,19 @@ def touching_points(model: Model, q: np.ndarray) -> np.ndarray:
     return deepest_points(model, forward_kinematics(model, q), (0.0, 0.0, 1.0))
 
 
+def _feet(model: Model) -> list[str]:
+    """List links that can step: those with contact points that joints carry, and that are no wheels."""
+    rolls = {point.link for point in model.contacts if point.circle_radius > 0.0}
+    links = dict.fromkeys(point.link for point in model.contacts)
+    return [link for link in links if link != model.root and link not in rolls and model.moving_joints]
+
+
 def _prints(model: Model, time: np.ndarray, points: np.ndarray, touch: np.ndarray, unit: float) -> list[dict[str, Any]]:
     """Collect footprints: the time at which each stance of a link began, and its contact points in the middle of it."""
     links = [point.link for point in model.contacts]
+    feet = _feet(model)
     prints: list[dict[str, Any]] = []
-    for link in dict.fromkeys(links):
+    for link in feet:
         own = np.array([name == link for name in links])
         on = np.concatenate([[False], touch[:, own].any(axis=1), [False]])
         begins, ends = np.flatnonzero(on[1:] & ~on[:-1]), np.flatnonzero(~on[1:] & on[:-1])

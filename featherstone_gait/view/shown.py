@@ -32,6 +32,11 @@ from .recorded import MESHES, Seen
 from .style import in_notebook
 
 OF_WORLD = "world/"  # no link of a robot in a scene has such a name
+STILL = (
+    "; without a run, `featherstone-gait view ROBOT` shows a robot at rest, as in Python does "
+    'scene = compile_scene(robot); run = simulate(scene, 0.01, record=("q", "base_q")); show(run, scene)'
+)
+FEW = 3  # members that a title names
 Robot = Model | CompiledScene | str | os.PathLike[str] | None
 
 
@@ -132,12 +137,17 @@ def one_or_many(
     return together, _company(runs, robot, plots) if together else _seen(runs, robot, captions, plots)
 
 
+def _check_run(run: Any) -> None:
+    remedy = f"give what simulate returns{STILL * isinstance(run, Model | CompiledScene)}"
+    instance("trajectory", run, Trajectory, remedy)
+
+
 def _seen(
     runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plots: Sequence[str]
 ) -> tuple[dict[str, Seen], str, list[str]]:
     """Find robot and ground of each run, by its caption, the page's title, and plots where none are given."""
     for run in runs:
-        instance("trajectory", run, Trajectory, "give what simulate returns")
+        _check_run(run)
     names = [str(run.info.get("robot", "run")) + (f" {k + 1}" if k else "") for k, run in enumerate(runs)]
     captions = texts("captions", captions, "give a text for each run") or names
     if len(captions) != len(runs) or len(set(captions)) != len(captions):
@@ -160,10 +170,16 @@ def _seen(
 def _company(runs: Sequence[Trajectory], scene: Any, plots: Sequence[str]) -> tuple[dict[str, Seen], str, list[str]]:
     """Return the run of each member by its name, and the obstacles, as `_seen` does for runs of one robot."""
     run, *others = runs
-    instance("trajectory", run, Trajectory, "give what simulate returns")
+    _check_run(run)
     if others:
         raise ValueError("others: runs of several robots are shown one by one; give one run and its scene")
-    return company_of(run, scene), scene.model.name, texts("plots", plots, "give a list of channels")
+    return company_of(run, scene), title_of(scene), texts("plots", plots, "give a list of channels")
+
+
+def title_of(scene: CompiledScene) -> str:
+    """Return the name of a robot, or of a few members of a scene."""
+    count = len(scene.members)
+    return scene.model.name if count <= FEW else f"{scene.members[0].name} and {count - 1} more"
 
 
 def company_of(run: Trajectory, scene: CompiledScene) -> dict[str, Seen]:
@@ -252,7 +268,7 @@ def _loaded(info: Mapping[str, Any], robot: Any, floating: bool) -> Model:
         if named not in robot_names():
             raise ValueError(
                 f"the run is of the robot {shown(named)}, which does not come with the package; give its model, its "
-                "scene or its file: show(model), or --robot FILE"
+                "scene or its file: show(run, model), or --robot FILE"
             )
     instance("robot", named, (str, os.PathLike), "give a Model, a scene, the name of a robot or its file")
     base: Any = "floating" if floating else "fixed"

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from browser import found_in
 
 from featherstone_gait.geometry.body import body
 from featherstone_gait.model import (
@@ -23,8 +24,9 @@ from featherstone_gait.run.simulate import simulate
 from featherstone_gait.run.trajectory import Trajectory
 from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.view.movie import Picture, _actors, save_movie
-from featherstone_gait.view.recorded import page_data
-from featherstone_gait.view.shown import _company, _seen, show, show_live
+from featherstone_gait.view.page import page_html
+from featherstone_gait.view.recorded import Seen, page_data
+from featherstone_gait.view.shown import _company, _seen, show, show_live, title_of
 
 TURNED = (0.0, 0.0, 0.0, 1.0)
 
@@ -53,6 +55,69 @@ def test_a_page_draws_four_robots_and_an_obstacle_at_their_places():
     assert first["ball"][0] == pytest.approx([0.5, 0.0, 1.0], abs=1e-3)
     assert first["table"][0] == pytest.approx([2.0, 0.0, 0.2], abs=1e-3)
     assert len({tuple(one["middle"]) for one in data["runs"]}) == 1
+
+
+def row(status="ok", message="", far=50.0):
+    """Ten blocks in a row, which fall to the ground by hand, and a ball that leaves for far away."""
+    time = np.linspace(0.0, 1.0, 26)
+    seen = {}
+    for k in range(11):
+        model = body(Box((0.02, 0.08, 0.16)), mass=0.1) if k < 10 else body(Sphere(0.04), mass=0.3)
+        base = np.tile([0.08 * k, 0.0, 0.08, 1.0, 0.0, 0.0, 0.0], (len(time), 1))
+        base[:, 0] += far * time * (k == 10)
+        channels = {"time": time, "q": np.zeros((len(time), 0)), "base_q": base}
+        told = {"robot": f"block{k}", "joints": []}
+        how = (status, message) if k == 3 else ("ok", "")
+        seen[f"block{k}"] = Seen(model, Trajectory(channels, *how, 1.0, np.zeros(0), told), Ground())
+    return seen
+
+
+def test_the_camera_begins_with_the_bodies_as_they_stand_whatever_leaves_later():
+    data, near = page_data(row(), together=True), page_data(row(far=0.0), together=True)
+    assert near["span"] <= data["span"] < 1.3 * near["span"]
+    assert 0.84 < near["span"] < 1.5 * 0.84  # from the first block to the ball [m]
+    assert data["runs"][0]["middle"] == pytest.approx([0.5, 0.0, 0.08], abs=0.1)
+    assert not any(run["feet"] or run["prints"] for run in data["runs"])  # nothing of it walks
+
+
+SEEN = """
+viewer.show();
+const canvas = document.querySelector("#views canvas"), heads = [...document.querySelectorAll("figcaption div")];
+return {lines: heads.map(e => e.textContent), high: canvas.clientHeight / innerHeight,
+  toggles: [...document.querySelectorAll("#toggles button")].map(b => b.textContent),
+  label: canvas.getAttribute("aria-label"), words: document.querySelector(".now").textContent,
+  controls: document.getElementById("controls").getBoundingClientRect().bottom - innerHeight};
+"""
+
+
+@pytest.mark.parametrize(("how", "lines"), [
+    ({}, ["11 bodies ok"]),
+    ({"status": "inaccurate", "message": "by 1 rad"}, ["10 bodies ok", "block3 inaccurateby 1 rad"]),
+])  # fmt: skip
+def test_the_picture_of_many_bodies_has_at_least_half_of_the_window(how, lines, tmp_path):
+    page = page_html(row(**how), "row", together=True)
+    found, console = found_in(page, SEEN, tmp_path, sizes=[(1280, 720), (640, 480), (375, 667)])
+    assert console == []
+    for one in found:
+        assert one["lines"] == lines
+        assert one["high"] >= 0.5
+        assert one["controls"] <= 0.5
+        assert one["toggles"] == []  # no feet, no forces, nobody to follow
+        assert one["label"].startswith("moving picture of 1")
+        assert one["words"].startswith("squares of ")
+
+
+def test_a_title_names_few_members():
+    model = body(Sphere(0.1), 1.0)
+    for count, title in ((3, "b0 and b1 and b2"), (5, "b0 and 4 more")):
+        members = [Placed(model, f"b{k}", (float(k), 0.0, 1.0)) for k in range(count)]
+        scene = compile_scene(SceneModel("many", members), integrator="rk4", timestep=1e-3)
+        assert title_of(scene) == title
+
+
+def test_a_robot_without_a_run_is_told_how_it_is_shown():
+    with pytest.raises(TypeError, match=r"featherstone-gait view ROBOT.*compile_scene"):
+        show(load_robot("ax12_arm"))
 
 
 def test_pictures_of_one_robot_name_the_member_to_take(tmp_path):
