@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,9 @@ import numpy as np
 from ..base import arguments
 from ..base.arguments import instance, real, shown, texts, whole
 from ..base.files import FilePath
+from ..core.compile.progress import PATIENCE, current
 from ..model.placed import link_name
-from ..run.driven import DriveAction, Driven
+from ..run.driven import DriveAction, Driven, names_of
 from ..run.measure import What
 from ..run.program import CompiledController
 from ..run.range_sensor import link_poses
@@ -112,8 +114,9 @@ def drive(
     ValueError
         Keys, action, state and scene do not fit each other.
     OSError
-        There is no free port, or the run cannot be stored.
+        There is no free port, or `path` cannot be written, which is seen before the robot is driven.
     """
+    instance("scene", scene, CompiledScene, "give what compile_scene returns")
     mass = sum(model.mass for model in _models(scene))
     limit = GRAVITY * mass if push_limit is None else push_limit
     limit = real("push_limit", limit, 0.0, 1e9, "the largest force [N]; 0: none")
@@ -121,14 +124,18 @@ def drive(
     port = whole("port", port, 0, "0 is any that is free", 65535)
     name = re.sub(r"[^\w.-]+", "_", scene.model.name)
     path = Path(f"{name}_drive") if path is None else arguments.path("path", path)
-    driven = Driven(scene, action, controller, record, state, pushable=limit > 0.0, pace=True)
-    with driven.session:
+    _check_place(path)
+    table = _keys(names_of(scene), keys, command)
+    with _compiling_told():
+        driven = Driven(scene, action, controller, record, state, pushable=limit > 0.0, pace=True)
         driven.warm_up()
-        table, chosen = _keys(driven, keys, command)
-        page = _Page(driven, table, limit)
+    chosen = command or _adding(driven, table)
+    with driven.session:
+        page = _Page(driven, [*table], limit)
         try:
             with page.served(port) as url, _interrupts(page):
-                print(f"page        {url} until Ctrl-C", flush=True)
+                span = "" if math.isinf(duration) else f"for {duration:g} s or "
+                print(f"page        {url} {span}until Ctrl-C", flush=True)
                 if open:
                     webbrowser.open(url)
                 page.run(chosen, duration)
@@ -145,12 +152,48 @@ def _models(scene: CompiledScene) -> list[Any]:
     return [member.model for member in scene.members] or [scene.model]
 
 
-def _keys(driven: Driven, keys: Any, command: Command | None) -> tuple[list[str], Command]:
-    """Return the names of keys, and what they command."""
+def _check_place(path: Path) -> None:
+    """Raise OSError unless a file can be written there, before a run is driven that would be lost."""
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"path is {path}: there is no folder {path.parent}; make it, or give another path")
+    try:
+        with TemporaryFile(dir=path.parent):
+            return
+    except OSError as error:
+        why = f"path is {path}: its folder cannot be written ({error.strerror}); give another path"
+        raise type(error)(why) from error
+
+
+@contextmanager
+def _compiling_told() -> Iterator[None]:
+    """Say once if something is compiled, which takes longer than anybody expects a page to."""
+    done = threading.Event()
+
+    def tell() -> None:
+        while not done.wait(PATIENCE):
+            if current:
+                print("compiling   ... (once, then kept)", flush=True)
+                return
+
+    thread = threading.Thread(target=tell, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+def _adding(driven: Driven, table: Mapping[str, np.ndarray]) -> Command:
+    return lambda held, seen: sum((table[key] for key in sorted(held)), driven.at_rest)
+
+
+def _keys(names: Sequence[str], keys: Any, command: Command | None) -> dict[str, np.ndarray]:
+    """Return what each key adds to the numbers of a command; zero where a function makes it."""
     if command is not None:
         if not callable(command):
             raise ValueError(f"command is {shown(command)}; give a function of the held keys and what is seen")
-        return [_named(key) for key in texts("keys", list(keys), "give a list of keys")], command
+        return {_named(key): np.zeros(len(names)) for key in texts("keys", list(keys), "give a list of keys")}
     if not keys:
         keys = {}
     instance("keys", keys, Mapping, "give what each key commands, such as {'ArrowUp': {'wheel': 6.0}}")
@@ -158,13 +201,13 @@ def _keys(driven: Driven, keys: Any, command: Command | None) -> tuple[list[str]
     for key, adds in keys.items():
         instance("keys: key", key, str, "give the name of a key")
         instance(f"keys: {key}", adds, Mapping, "give numbers by name of a joint or drive")
-        row = table[_named(key)] = np.zeros(len(driven.names))
+        row = table[_named(key)] = np.zeros(len(names))
         for name, number in adds.items():
-            if name not in driven.names:
-                known = ", ".join(driven.names) or "none"
+            if name not in names:
+                known = ", ".join(names) or "none"
                 raise ValueError(f"keys: {key}: there is no {shown(name)} to command; there are {known}")
-            row[driven.names.index(name)] = real(f"keys: {key}: {name}", number, -1e50, 1e50, "a number")
-    return [*table], lambda held, seen: sum((table[key] for key in sorted(held)), driven.at_rest)
+            row[names.index(name)] = real(f"keys: {key}: {name}", number, -1e50, 1e50, "a number")
+    return table
 
 
 def _named(key: str) -> str:

@@ -14,7 +14,7 @@ from browser import Tab
 
 from featherstone_gait import Box, Trajectory, body, cli, compile_scene, drive, load_robot, replay
 from featherstone_gait.run.driven import Driven
-from featherstone_gait.view.drive import RATE, SILENCE, _keys, _Page
+from featherstone_gait.view.drive import RATE, SILENCE, _adding, _keys, _Page
 
 MASS, LIMIT = 2.0, 5.0  # [kg, N]
 STILL = {"keys": [], "grab": None}
@@ -141,6 +141,23 @@ def test_keys_that_command_nothing_there_is_are_refused(block, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_wrong_keys_and_places_are_refused_before_anything_is_compiled(tmp_path, monkeypatch):
+    scene = compile_scene(load_robot("ax12_arm"), "mipsd", integrator="midpoint", timestep=1e-3)
+    monkeypatch.setattr("featherstone_gait.view.drive.Driven", None)  # makes the kernels
+    with pytest.raises(ValueError, match="no 'elbw' to command; there are elbow"):
+        drive(scene, {"a": {"elbw": 1.0}}, path=tmp_path / "run", duration=0.01)
+    with pytest.raises(FileNotFoundError, match=f"no folder {tmp_path / 'no'}; make it"):
+        drive(scene, path=tmp_path / "no" / "run", duration=0.01)
+
+    def full(dir):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("featherstone_gait.view.drive.TemporaryFile", full)
+    with pytest.raises(PermissionError, match=r"cannot be written.*Permission denied.*; give another"):
+        drive(scene, path=tmp_path / "run", duration=0.01)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_was_driven_is_stored_also_where_the_command_fails(block, tmp_path, capsys):
     def command(held, seen):
         if len(seen["base_q"]) and counted.append(0) is None and len(counted) > 5:
@@ -154,7 +171,7 @@ def test_what_was_driven_is_stored_also_where_the_command_fails(block, tmp_path,
     run = drive(block, duration=0.05, path=tmp_path / "run", port=0)
     assert run.end_time == pytest.approx(0.05)
     assert Trajectory.load(tmp_path / "run").info["lost_time"] >= 0.0
-    assert "http://127.0.0.1:" in capsys.readouterr().out
+    assert "/ for 0.05 s or until Ctrl-C" in capsys.readouterr().out
 
 
 def test_ctrl_c_ends_the_run_which_is_stored(block, tmp_path):
@@ -190,11 +207,12 @@ def test_keys_turn_the_joints_of_an_arm(tmp_path):
     (joint,) = scene.model.joint_names
     driven = Driven(scene, pushable=True, pace=True)
     with driven.session:
-        names, command = _keys(driven, {"A": {joint: 0.5}, "d": {joint: -2.0}}, None)
-        assert names == ["a", "d"]
+        table = _keys(driven.names, {"A": {joint: 0.5}, "d": {joint: -2.0}}, None)
+        command = _adding(driven, table)
+        assert [*table] == ["a", "d"]
         assert command(frozenset(), {}).tolist() == [0.0]
         assert command(frozenset("ad"), {}).tolist() == [-1.5]
-        page = _Page(driven, names, LIMIT)
+        page = _Page(driven, [*table], LIMIT)
         page.take({"n": 1, "keys": ["a"], "grab": None})
         page.run(command, 0.4)
         assert driven.seen["qd"][0, 0] == pytest.approx(0.5, rel=0.1)
