@@ -347,10 +347,15 @@ class Session:
 
         Parameters
         ----------
-        number
+        number : int
             Which of `pushes`, 0 the first.
-        push
-            The force that takes its place.
+        push : Push
+            The force [N] on a link, at a point in its axes [m], that takes its place.
+
+        Returns
+        -------
+        dict of ndarray
+            What is observed, (n, ...) by name.
 
         Raises
         ------
