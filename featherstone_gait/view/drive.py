@@ -38,7 +38,7 @@ from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from .page import render
 from .recorded import TURN, page_data, quaternions
-from .shown import one_or_many
+from .shown import one_or_many, title_of
 
 RATE = 30.0  # of pictures [1/s]
 SILENCE = 0.5  # [s] after which a page that holds something counts as closed
@@ -48,7 +48,7 @@ DAMPING = 2.0  # ticks: damping by stiffness, beyond the half that a held force 
 GRAVITY = 9.81  # [m/s^2]
 TRIES = 100  # ports
 MOST_BYTES = 10_000  # of a message
-PARTS = ("points", "forces", "pairs", "rays", "energy", "load")  # of a run in a page, which are not sent
+PARTS = ("points", "feet", "forces", "pairs", "rays", "energy", "load")  # of a run in a page, which are not sent
 
 Command = Callable[[frozenset[str], dict[str, Any]], Any]
 
@@ -259,7 +259,7 @@ class _Page:
         self.size = float(data["span"]) / 1.5
         data["live"] = {"keys": list(keys), "limit": limit}
         script = Path(__file__).with_suffix(".js").read_text("utf-8")
-        self.html = render(f"{scene.model.name}: drive", data, script).encode()
+        self.html = render(f"{title_of(scene)}: drive", data, script).encode()
         self._stiffness = limit / (REACH * self.size)
 
     # ------------------------------------------------------------------------------------------------ the run
