@@ -154,6 +154,11 @@ def kept(path: Path, host: str) -> dict[str, list[Row]]:
     if notes != [str(TABLE), *host.splitlines()]:
         print(f"{path}: of another machine or other versions; nothing of it is kept")
         return {}
+    return rows_of(path)
+
+
+def rows_of(path: Path) -> dict[str, list[Row]]:
+    """Return the rows of a table by case, whatever machine and versions they are from."""
     rows: dict[str, list[Row]] = {}
     for _, cells in list(read_csv(path, TABLE))[1:]:
         named: dict[str, Any] = dict(zip(Row._fields, cells, strict=True))

@@ -158,9 +158,7 @@ def test_every_engine_has_a_row_of_every_case_or_says_why_not():
 
 
 def test_the_stored_lines_are_those_of_the_stored_rows():
-    path = STORED / "scoreboard.csv"
-    host = "\n".join(line[2:] for line in path.read_text("utf-8").splitlines()[1:] if line.startswith("# "))
-    rows = scoreboard.kept(path, host)
+    rows = scoreboard.rows_of(STORED / "scoreboard.csv")
     lines = [line for test in scoreboard.tests() for line in lines_of(test, rows[test.name])]
     found = stored("scoreboard_lines.csv", Line)
     assert [line.better for line in lines] == [line["better"] for line in found]
