@@ -1,4 +1,4 @@
-"""What the package index shows, made when a wheel or a source distribution is built: README and addresses.
+"""Prepare the README and the addresses that a package index shows, when a wheel or source distribution is built.
 
 An index has no files beside the README.  If CITATION.cff states `repository-code`, links and pictures of the README
 lead there, and the index lists the project's addresses; else links become plain text, and what is nothing but pictures

@@ -126,7 +126,7 @@ def drive(
     path = Path(f"{name}_drive") if path is None else arguments.path("path", path)
     _check_place(path)
     table = _keys(names_of(scene), keys, command)
-    with _compiling_told():
+    with _announce_compiling():
         driven = Driven(scene, action, controller, record, state, pushable=limit > 0.0, pace=True)
         driven.warm_up()
     chosen = command or _adding(driven, table)
@@ -165,7 +165,7 @@ def _check_place(path: Path) -> None:
 
 
 @contextmanager
-def _compiling_told() -> Iterator[None]:
+def _announce_compiling() -> Iterator[None]:
     """Say once if something is compiled, which takes longer than anybody expects a page to."""
     done = threading.Event()
 

@@ -1,4 +1,4 @@
-"""What type checkers are told of the options that are words."""
+"""Type checkers accept the words that options take, and refuse others."""
 
 import subprocess
 import sys

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from published import missing
 from simtwo_scene import ARM as SIMTWO_ARM
 
 from featherstone_gait import (
@@ -672,7 +673,7 @@ def published():
 def test_published_scenes_move_as_in_mujoco(tmp_path):
     paths = [*published()]
     if not paths:
-        pytest.skip("gymnasium, dm_control and pybullet are too large for the test extra; .ci/run installs them")
+        missing("any of gymnasium, dm_control and pybullet")
     for path in paths:
         scene = quiet(path)
         assert_moves_as_in_mujoco(path, scene)

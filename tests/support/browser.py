@@ -23,15 +23,15 @@ def browser():
 
 
 def found_in(page, script, folder, *flags, sizes=((1280, 720),)):
-    """What `script`, the body of a function, returns in the page in frames of these sizes; also of a promise.
+    """Run a script in a page, in one frame of each size; return its results and the lines of the console.
 
-    Also what the console was told, which is nothing if all is well.
+    script: the body of a function, which returns a value or a promise.  The console has no lines if all is well.
     """
-    told = (
+    reporter = (
         "<script>(async () => { try { parent.postMessage(JSON.stringify(await (() => {" + script + "})()), '*'); }"
         " catch (error) { parent.postMessage(JSON.stringify('error: ' + error.stack), '*'); } })();</script></body>"
     )
-    inner = page.replace("</body>", told)
+    inner = page.replace("</body>", reporter)
     frames = "".join(
         f'<iframe srcdoc="{escape(inner)}" style="border:0;width:{w}px;height:{h}px"></iframe>' for w, h in sizes
     )

@@ -14,13 +14,14 @@ def folder(package):
         try:
             found = metadata.distribution(package)
         except metadata.PackageNotFoundError:
-            return _missing(package)
+            return missing(package)
         return Path(str(found.locate_file("cmeel.prefix/share/example-robot-data/robots")))
     spec = importlib.util.find_spec(package)
-    return Path(spec.submodule_search_locations[0]) if spec else _missing(package)
+    return Path(spec.submodule_search_locations[0]) if spec else missing(package)
 
 
-def _missing(package):
+def missing(package):
+    """Skip the test, or fail it where PUBLISHED_ROBOTS asks for all packages."""
     if "PUBLISHED_ROBOTS" in os.environ:
         pytest.fail(f"{package} is not installed, and PUBLISHED_ROBOTS asks for it")
     pytest.skip(f"{package} is too large for the test extra; .ci/run installs it and runs this")

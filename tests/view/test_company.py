@@ -66,9 +66,9 @@ def row(status="ok", message="", far=50.0):
         base = np.tile([0.08 * k, 0.0, 0.08, 1.0, 0.0, 0.0, 0.0], (len(time), 1))
         base[:, 0] += far * time * (k == 10)
         channels = {"time": time, "q": np.zeros((len(time), 0)), "base_q": base}
-        told = {"robot": f"block{k}", "joints": []}
+        info = {"robot": f"block{k}", "joints": []}
         how = (status, message) if k == 3 else ("ok", "")
-        seen[f"block{k}"] = Seen(model, Trajectory(channels, *how, 1.0, np.zeros(0), told), Ground())
+        seen[f"block{k}"] = Seen(model, Trajectory(channels, *how, 1.0, np.zeros(0), info), Ground())
     return seen
 
 

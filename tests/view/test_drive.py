@@ -16,7 +16,7 @@ from pages import data_of
 from featherstone_gait import Box, Trajectory, body, cli, compile_scene, drive, load_robot, replay
 from featherstone_gait.core.compile.progress import PATIENCE, compiling
 from featherstone_gait.run.driven import Driven
-from featherstone_gait.view.drive import PARTS, RATE, SILENCE, _adding, _compiling_told, _keys, _Page
+from featherstone_gait.view.drive import PARTS, RATE, SILENCE, _adding, _announce_compiling, _keys, _Page
 
 MASS, LIMIT = 2.0, 5.0  # [kg, N]
 STILL = {"keys": [], "grab": None}
@@ -161,10 +161,10 @@ def test_wrong_keys_and_places_are_refused_before_anything_is_compiled(tmp_path,
 
 
 def test_compiling_is_said_once_and_loading_is_not(capsys):
-    with _compiling_told():
+    with _announce_compiling():
         time.sleep(2.0 * PATIENCE)
     assert capsys.readouterr().out == ""
-    with _compiling_told(), compiling("step", True):
+    with _announce_compiling(), compiling("step", True):
         time.sleep(4.0 * PATIENCE)
     assert capsys.readouterr().out == "compiling   ... (once, then kept)\n"
 
@@ -256,7 +256,7 @@ def test_keys_of_the_command_that_say_nothing_are_refused(key, capsys):
 MIDDLE = """(() => { const r = document.querySelector("#views canvas").getBoundingClientRect();
 return [r.left + r.width / 2, r.top + r.height / 2]; })()"""
 REACH = """(() => ({wide: document.documentElement.scrollWidth - innerWidth,
-told: document.querySelector(".now").getBoundingClientRect().bottom
+visible: document.querySelector(".now").getBoundingClientRect().bottom
   <= document.getElementById("controls").getBoundingClientRect().top,
 small: [...document.querySelectorAll("#controls button, #controls select")].filter(e => e.offsetParent).filter(e => {
   const r = e.getBoundingClientRect();
@@ -304,8 +304,8 @@ def test_dragging_in_the_page_pulls_the_robot_and_letting_go_ends_it(block, tmp_
 def test_all_is_in_reach_of_fingers_and_the_run_is_ended_in_the_page(block, tmp_path, size, dark):
     with driving(block, ["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight"]) as (url, _, held, page):
         with Tab(url, tmp_path, size, dark) as tab:
-            tab.until(f"{REACH}.told")
-            assert tab.value(REACH) == {"told": True, "wide": 0, "small": []}
+            tab.until(f"{REACH}.visible")
+            assert tab.value(REACH) == {"visible": True, "wide": 0, "small": []}
             down = "document.querySelector('[data-key=ArrowLeft]')"
             at = tab.value(f"(r => [r.left + 9, r.top + 9])({down}.getBoundingClientRect())")
             tab.mouse("Pressed", *at)

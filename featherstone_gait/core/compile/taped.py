@@ -502,7 +502,8 @@ def tape_of(array):
 def begin_external(tape, count):
     """Reserve entries for `count` arguments of an external function, which `pass_external` fills, and for its results.
 
-    Its operations are not on the tape: whoever sweeps stops there and computes the adjoints of the arguments.
+    Its operations are not on the tape: a sweep stops at this entry, and its caller computes the adjoints of the
+    arguments.
     """
     at = _peek(tape, 0)
     if at + 2 * count * ENTRY <= _peek(tape, 2):
