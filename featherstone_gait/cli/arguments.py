@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeAlias
 
-from ..base.deprecated import UNTIL
 from ..scene.gearbox_kinds import GEARBOX_KINDS, why_chosen
 
 if TYPE_CHECKING:
@@ -78,18 +77,16 @@ class Parser(argparse.ArgumentParser):
                 text = re.sub(rf"\b{name}=(['\"]?)([\w.+:/-]*\w)\1", rf"{flag} \2", text)
         return text
 
-    def option(self, flag: str, help: str, default: Any = None, *, old: str | None = None, **how: Any) -> None:
+    def option(self, flag: str, help: str, default: Any = None, **how: Any) -> None:
         """Add an option, whose default may say more: False makes a switch, a number its type and a note in the help.
 
-        old: a former name, which is hidden and warns until version 0.4; how: as in `add_argument`.
+        how: as in `add_argument`.
         """
         if default is False:
             how["action"] = "store_true"
         elif isinstance(default, (int, float)):
             help, how["type"] = f"{help} (default: {default:g})", type(default)
-        action = self.add_argument(flag, help=help, default=default, **how)
-        if old is not None:
-            self.add_argument(old, action=_Renamed, now=action)
+        self.add_argument(flag, help=help, default=default, **how)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
@@ -129,24 +126,6 @@ def add_command(
     return parser
 
 
-class _Renamed(argparse.Action):
-    """An option by its old name."""
-
-    def __init__(self, option_strings: Sequence[str], dest: str, now: Any) -> None:
-        super().__init__(
-            option_strings, now.dest, nargs=now.nargs, default=argparse.SUPPRESS, type=now.type, choices=now.choices,
-            help=argparse.SUPPRESS,
-        )  # fmt: skip
-        self.now = now
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
-    ) -> None:
-        name = self.now.option_strings[0]
-        print(f"warning: {option} is now {name}; the old name works until version {UNTIL}", file=sys.stderr)
-        self.now(parser, namespace, values, name)
-
-
 def add_quiet(parser: Parser) -> None:
     """Add --quiet."""
     parser.option("--quiet", "print results and errors alone: no progress bars, and not how long it takes", False)
@@ -183,7 +162,7 @@ def add_setup(
     models = "gearbox model: motor inertia plus spring-damper (mipsd), rigid with the rotor's inertia (rotor), or "
     models += f"rigid without (standard) (default: {gearbox})"
     if kinds:
-        parser.option("--gearbox", models, old="--servos", choices=kinds)
+        parser.option("--gearbox", models, choices=kinds)
 
 
 def _contacts(text: str) -> str | list[str]:

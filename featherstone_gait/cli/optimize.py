@@ -32,9 +32,9 @@ def add(commands: Commands) -> None:
         if option.metadata:
             flag = option.metadata["flag"] or f"--{option.name.replace('_', '-')}"
             how = {"dest": option.name, "default": SUPPRESS, **option.metadata["argument"]}
-            parser.option(flag, old=option.metadata["old"], **how)
+            parser.option(flag, **how)
     what = "search on one floor with the poses of a stride, as in the paper: the same as --worlds 0 --states stride"
-    parser.option("--one-world", what, False, old="--nominal")
+    parser.option("--one-world", what, False)
     add_quiet(parser)
 
 

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import time
 from contextlib import closing
-from dataclasses import replace
-from typing import Any
 
-from ..base import deprecated
 from ..base.arguments import instance
 from ..base.files import FilePath
 from ..base.progress import WholeJob
@@ -25,13 +22,8 @@ from .search import search
 from .selection import select
 from .summary_table import summary
 
-RENAMED = {  # keywords of `main_job` until 0.1, whose names in `OptimizeOptions` are others
-    "servos": "gearbox", "unseen": "test_worlds", "electronics": "electronics_power", "holding": "holding_power",
-    "fair": "baselines",
-}  # fmt: skip
 
-
-def main_job(robot: FilePath = "humanoid", options: OptimizeOptions | None = None, **old: Any) -> dict:
+def main_job(robot: FilePath = "humanoid", options: OptimizeOptions | None = None) -> dict:
     """Optimize a robot's gait and write all files into the output folder.
 
     The search can be interrupted (KeyboardInterrupt): the files then hold the best gait so far, measured on the robot's
@@ -44,8 +36,6 @@ def main_job(robot: FilePath = "humanoid", options: OptimizeOptions | None = Non
         A name or a robot file, as in `load_robot`; "humanoid" is the paper's simplified one.
     options : OptimizeOptions, optional
         The options of the search.
-    **old
-        Options as keywords: deprecated, until version 0.4.
 
     Returns
     -------
@@ -66,9 +56,6 @@ def main_job(robot: FilePath = "humanoid", options: OptimizeOptions | None = Non
     began = time.perf_counter()
     instance("options", options, (OptimizeOptions, type(None)), "give OptimizeOptions(...)")
     options = options or OptimizeOptions()
-    if old:
-        deprecated.warn(f"main_job({', '.join(old)}=...)", "main_job(robot, OptimizeOptions(...))")
-        options = replace(options, **{RENAMED.get(name, name): value for name, value in old.items()})
     job = prepare(robot, options)
     with closing(WholeJob(job.seconds, options.progress)) as whole:
         with whole.stage("first gait"):

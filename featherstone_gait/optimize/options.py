@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from ..walking.cheapest_plan import PlanKind, States
 
 
-def _option(default: Any, help: str, flag: str | None = None, old: str | None = None, **argument: Any) -> Any:
+def _option(default: Any, help: str, flag: str | None = None, **argument: Any) -> Any:
     """Declare a field of `OptimizeOptions` with its option of the command line; `argument`: of `add_argument`."""
     if isinstance(default, bool):
         argument["action"] = "store_false" if default else "store_true"
     elif isinstance(default, int) and "action" not in argument:
         argument |= {"type": int, "metavar": "N"}
         help += f" (default: {default})"
-    return field(default=default, metadata={"flag": flag, "old": old, "argument": {"help": help, **argument}})
+    return field(default=default, metadata={"flag": flag, "argument": {"help": help, **argument}})
 
 
 def _numbers(text: str) -> dict[str, float]:
@@ -103,17 +103,16 @@ class OptimizeOptions:
         None, "whether the four poses describe a step, mirrored for the other leg, or a whole stride (default: step if "
         "the robot is symmetric)", choices=("step", "stride"),
     )  # fmt: skip
-    test_worlds: int = _option(200, "other worlds in which the first and the optimized gait are tested", old="--unseen")
+    test_worlds: int = _option(200, "other worlds in which the first and the optimized gait are tested")
     limits: bool = _option(
         True, "minimize energy alone, without the limits of a real robot (docs/optimize.md)", "--energy-only"
     )
     electronics_power: float | None = _option(
         None, "power [W] of the electronics of all servos, reported apart from the motors' (default: 0.05 A per "
-        "servo)", old="--electronics", type=float, metavar="W",
+        "servo)", type=float, metavar="W",
     )  # fmt: skip
     holding_power: float | None = _option(
-        None, "power [W] of the locked servos while they hold still (default: 0)", old="--holding", type=float,
-        metavar="W",
+        None, "power [W] of the locked servos while they hold still (default: 0)", type=float, metavar="W",
     )  # fmt: skip
     plan: PlanKind | None = _option(
         None, "plan that the search starts from (docs/walking.md; default: plain, or cheapest if the plain plan falls)",
@@ -125,7 +124,7 @@ class OptimizeOptions:
     )  # fmt: skip
     baselines: bool = _option(
         True, "do not compare with the cheapest plan; saves 13 s where it is not stored",
-        "--no-baselines", old="--no-fair",
+        "--no-baselines",
     )  # fmt: skip
     feedback: bool = _option(
         False, "afterwards also search for feedback gains for an IMU, under pushes (docs/feedback.md)"

@@ -493,14 +493,6 @@ def test_help_says_what_is_written_and_where(command, monkeypatch, capsys):
     assert max(map(len, text.splitlines())) <= 80
 
 
-def test_old_options_of_optimize_work_with_a_warning(capsys):
-    old = "--servos rotor --unseen 3 --no-fair --holding 2 --electronics 1 --nominal"
-    args = cli._parser().parse_args(["optimize", *old.split()])
-    assert (args.gearbox, args.test_worlds, args.baselines) == ("rotor", 3, False)
-    assert (args.holding_power, args.electronics_power, args.one_world) == (2.0, 1.0, True)
-    assert capsys.readouterr().err.count("the old name works until version 0.4") == 6
-
-
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_has_examples_that_are_understood(command, monkeypatch, capsys):
     _, _, shown = help_of(command, monkeypatch, capsys).partition("\nexamples:\n")

@@ -450,14 +450,6 @@ def test_a_robot_without_two_soles_is_refused(tmp_path):
         main_job("arm7", OptimizeOptions(out=tmp_path, progress=False))
 
 
-def test_keywords_of_the_first_version_work_with_a_warning(tmp_path):
-    with (
-        pytest.warns(DeprecationWarning, match="OptimizeOptions"),
-        pytest.raises(ValueError, match="ground without contact points"),
-    ):
-        main_job("arm7", servos="rotor", unseen=0, fair=False, out=tmp_path, progress=False)
-
-
 @pytest.mark.long
 def test_the_first_gait_is_measured_with_own_servos_whose_gears_are_rigid(cost):
     """Though the servos of the search have elastic ones."""
