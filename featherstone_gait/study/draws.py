@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base import deprecated
 from ..base.arguments import shown
 from ..run.worlds import FIELDS, Distribution, Worlds, nominal
 from ..scene.compile import CompiledScene
@@ -69,10 +68,6 @@ def read_draws(table: dict[str, Any], scene: CompiledScene) -> tuple[Draw, ...]:
 
 def _spread(name: str, given: dict[str, Any], offset: bool) -> Distribution:
     allowed = ("kind", "scale", "shared") if offset else ("kind", "scale", "additive", "shared")
-    old = {"law": "kind", "width": "scale", "added": "additive", "alike": "shared"}
-    for key in old.keys() & given.keys():
-        deprecated.warn(f"{name}.{key}", f"{name}.{old[key]}")
-    given = {old.get(key, key): value for key, value in given.items()}
     if not {"kind", "scale"} <= given.keys() <= {*allowed}:
         raise ValueError(f'{name} is {given!r}; give {{kind = "uniform", scale = 0.1}}, of {", ".join(allowed)}')
     if offset and given["kind"] == "lognormal":

@@ -35,7 +35,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
 import numpy as np
 
 from .. import __version__
-from ..base import deprecated
 from ..base.arguments import HUGE, one_of, real, whole
 from ..base.brief import brief, in_full
 from ..base.files import FilePath, is_number
@@ -70,10 +69,6 @@ UNITS = {
     },
 }  # fmt: skip
 # Name -> unit of a number, or the values that are allowed (None: any text).
-OLD = {  # names until version 0.2
-    "scene.servos": "scene.gearbox", "ground.sinking": "ground.penetration",
-    **{f"servo.{name}": f"gearbox.{name}" for name in _GEARS},
-}  # fmt: skip
 PARAMETERS: dict[str, str | Collection | None] = {
     "scene.gearbox": (*GEARBOX_KINDS, "none"),
     "scene.ground": (True, False),
@@ -310,9 +305,6 @@ def _parameters(table: dict, experiment: str, where: str = "") -> Iterator[tuple
     for section in [key for key in table if key in SECTIONS]:
         for key, value in table_of(table, section, where).items():
             name = f"{section}.{key}"
-            if name in OLD:
-                deprecated.warn(f"{where}{name}", OLD[name])
-                name = OLD[name]
             if name not in PARAMETERS:
                 known = [other for other in PARAMETERS if other.startswith(section + ".")]
                 raise ValueError(f"{where}{name} is not a parameter; use one of {', '.join(known)}")

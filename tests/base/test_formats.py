@@ -101,10 +101,12 @@ def test_an_old_study_of_the_same_program_goes_on(tmp_path):
     assert (outcome.computed, outcome.table.read_bytes()) == (0, table)
 
 
-def test_an_old_study_is_read_and_its_log_is_not_mixed_with_the_runs_of_another_program(tmp_path):
-    copytree(OLD, tmp_path / "old")
-    with pytest.warns(DeprecationWarning, match=r"servo\.ratio is now gearbox\.ratio"):
-        study = read_study(tmp_path / "old" / "study.toml")
+def test_the_log_of_an_old_study_is_not_mixed_with_the_runs_of_another_program(tmp_path):
+    path = copytree(OLD, tmp_path / "old") / "study.toml"
+    with pytest.raises(ValueError, match=r"vary\.servo\.ratio is not a parameter"):
+        read_study(path)
+    path.write_text(path.read_text("utf-8").replace("servo.ratio", "gearbox.ratio"), "utf-8")
+    study = read_study(path)
     old = (tmp_path / "old" / "study.jsonl").read_bytes()
     with pytest.raises(ValueError, match=r"study\.jsonl: was begun with .*delete the file to begin anew"):
         run_study(study, tmp_path / "old")

@@ -101,13 +101,11 @@ def test_a_latin_hypercube_has_one_run_in_every_layer_and_log_uniform_is_uniform
 
 
 def test_numbers_of_gears_go_by_the_section_that_has_them(tmp_path):
-    """By the old one too, with a warning: the same study."""
     text = GRID.replace("servo.Kp = [20.0, 61.0, 100.0]", "gearbox.ratio = [254.0, 127.0]\ngearbox.backlash = [0.0]")
     study = read(tmp_path, text)
     assert study.setup.names[:2] == ("gearbox.ratio", "gearbox.backlash")
-    with pytest.warns(DeprecationWarning, match=r"vary\.servo\.ratio is now gearbox\.ratio"):
-        old = read(tmp_path, text.replace("gearbox.ratio", "servo.ratio"))
-    assert old.setup == study.setup
+    with pytest.raises(ValueError, match=r"vary\.servo\.ratio is not a parameter"):
+        read(tmp_path, text.replace("gearbox.ratio", "servo.ratio"))
     with pytest.raises(ValueError, match="ratio"):
         read(tmp_path, GRID + "[gearbox]\nratio = -1.0\n")
 
