@@ -10,39 +10,24 @@ from pkgutil import get_data
 from sys import modules
 from typing import Any
 
-from .base.deprecated import MOVED, renamed
-
 __version__ = "0.2.0"
 
 # The stub lists the public names, each with its module.
 _LINE = re.compile(rb"^from \.([\w.]+) import (\w+) as \2\r?$", re.MULTILINE)
 _HOME = {name.decode(): home.decode() for home, name in _LINE.findall(get_data(__name__, "__init__.pyi") or b"")}
 
-_renamed = renamed(
-    __name__,
-    {
-        "Linearisation": "featherstone_gait.analysis.linearization:Linearization",
-        "Kink": "featherstone_gait.analysis.linearization:Discontinuity",
-        "Posture": "featherstone_gait.dynamics.inverse_kinematics:IKResult",
-        "Spread": "featherstone_gait.run.worlds:Distribution",
-        "linearise": "featherstone_gait.analysis.linearization:linearize",
-        "restarted": "featherstone_gait.run.simulate:reset_time",
-    },
-)
-
 __all__ = sorted(_HOME)
-_HOME["plot_trajectory"] = "view.plotting"  # an old name, which warns when it is called
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name from its module (PEP 562)."""
     if name not in _HOME:
-        return _renamed(name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f".{_HOME[name]}", __name__), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    rooms = [name for name in globals() if f"{__name__}.{name}" in {*modules} - MOVED]
+    rooms = [name for name in globals() if f"{__name__}.{name}" in modules]
     return sorted({*__all__, *rooms, *(name for name in globals() if name.startswith("__"))})

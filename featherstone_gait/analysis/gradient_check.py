@@ -18,7 +18,6 @@ from ..run.reference import Reference
 from ..run.simulate import simulate_batch
 from ..run.start import initial_state
 from ..run.trajectory import Trajectory
-from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from .chart import chart_of
 from .run_inputs import COORDINATES, is_number, memory_of, number_of, numbers_of, scenes_with, shape_of, table_of
@@ -177,7 +176,7 @@ def _signal_moved(signal: Any, step: np.ndarray) -> Any:
 
 
 def _state_moved(scene: CompiledScene, y: np.ndarray, name: str, step: np.ndarray) -> np.ndarray:
-    channel = current_name(name.removeprefix("state").removeprefix("."))
+    channel = name.removeprefix("state").removeprefix(".")
     if channel in COORDINATES:
         return chart_of(scene, (channel,)).moved(y, step[:, None])[:, 0]
     first, end = scene.part(channel) if channel else (0, len(y))

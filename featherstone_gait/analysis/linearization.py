@@ -29,7 +29,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base import deprecated
 from ..base.arguments import listed, one_of, truth, vector, whole
 from ..base.brief import brief
 from ..core.compile.jit import direct
@@ -44,7 +43,6 @@ from ..run.reference import Reference
 from ..run.start import check_scene, columns_of, initial_state
 from ..run.status import OF_CODE
 from ..run.trajectory import Trajectory
-from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from ..scene.friction import sticks
 from .chart import AnyChart, ClosedChart, beside, chart_of, coordinates_of, width_of
@@ -87,7 +85,6 @@ class Discontinuity(NamedTuple):
         return brief(self)
 
 
-@deprecated.fields(kinks="discontinuities")
 @dataclass(frozen=True, eq=False)
 class Linearization:
     """A linear model made by `linearize`, of n states, m inputs and p outputs.
@@ -142,7 +139,6 @@ class Linearization:
 
     def of(self, *channels: str) -> np.ndarray:
         """Return the indices of the states of some channels, such as "q"; ValueError for unknown channels."""
-        channels = tuple(map(current_name, channels))
         for name in channels:
             one_of("channel", name, dict.fromkeys(state.split()[0] for state in self.states))
         return np.array([k for k, state in enumerate(self.states) if state.split()[0] in channels], dtype=int)
@@ -211,7 +207,7 @@ def linearize(
     named = _inputs(scene, inputs)
     period = scene.tick_steps if scene.sampled else 1
     steps = whole("steps", period if steps is None else steps, 1, "give a number of steps", 10**6)
-    outputs = tuple(map(current_name, listed("outputs", outputs, "give a list of channels, such as ('torque',)")))
+    outputs = tuple(listed("outputs", outputs, "give a list of channels, such as ('torque',)"))
     for name in outputs:
         one_of("outputs", name, [known for known in RECORDABLE if BY_NAME[known].kind != "computed"])
     if "q" in outputs and scene.tree.balls is not None:
@@ -414,7 +410,7 @@ def _channels(system: _System, states: Iterable[str] | None, inputs: tuple[str, 
     always, memory = _possible(system.scene, inputs)
     if states is not None:
         known = [c.name for c in IN_STATE if c.name in (*always, *memory)]
-        chosen = list(map(current_name, listed("states", states, "give a list of channels, such as ('q', 'qd')")))
+        chosen = listed("states", states, "give a list of channels, such as ('q', 'qd')")
         for name in chosen:
             one_of("states", name, known)
         return [name for name in known if name in chosen]

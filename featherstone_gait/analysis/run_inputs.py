@@ -28,7 +28,6 @@ from ..run.reference import Reference
 from ..run.start import driven_lengths, initial_state
 from ..run.trajectory import Trajectory
 from ..run.worlds import FIELDS, WHOLE, Worlds, nominal
-from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from .chart import chart_of
 
@@ -51,7 +50,7 @@ def check_names(scene: CompiledScene, names: Sequence[str]) -> None:
         if name in WHOLE_NAMES or rest.rpartition(".")[2] in FIELDS.get(first, ()):
             continue
         known = [channel.name for channel in IN_STATE if channel.kind in ("coordinates", "controlled", "held")]
-        if first == "state" and current_name(rest) in known and np.ptp(scene.part(current_name(rest))):
+        if first == "state" and rest in known and np.ptp(scene.part(rest)):
             continue
         here = ", ".join(one for one in known if np.ptp(scene.part(one)))
         raise ValueError(
@@ -230,7 +229,7 @@ def shape_of(
     if name == "state":
         return (scene.layout["length"],)
     if name.startswith("state."):
-        channel = current_name(name.removeprefix("state."))
+        channel = name.removeprefix("state.")
         if channel in COORDINATES:
             return (len(chart_of(scene, (channel,)).names),)
         first, end = scene.part(channel)
@@ -312,7 +311,7 @@ class Pulled:
         if name == "controller":
             return self.by_memory.copy()
         if name.startswith("state."):
-            return self._by_channel(current_name(name.removeprefix("state.")))
+            return self._by_channel(name.removeprefix("state."))
         if is_number(name):
             table = table_of(self.given, name)
             by_scene = [sum(float(np.sum(self.by_key[key] * d)) for key, d in one.items()) for one in table.columns]

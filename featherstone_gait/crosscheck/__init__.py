@@ -8,7 +8,6 @@ A gait that was optimized on one ground may walk only there.  `docs/crosscheck.m
 how the stored gaits walk.  MuJoCo is an extra: `pip install featherstone-gait[mjcf]`.
 """
 
-from ..base.deprecated import renamed
 from ..walking.motion import Motion as Motion
 from ..walking.motion import motion_of as motion_of
 from ..walking.motion import read_motion as read_motion
@@ -29,5 +28,3 @@ __all__ = [
     "FLOORS", "Floor", "Outcome", "WalkResult", "crosscheck", "replay", "sinking", "standing", "summary", "verdict",
     "walk_on",
 ]  # fmt: skip
-
-__getattr__ = renamed(__name__, {"Walk": "featherstone_gait.crosscheck.floors:WalkResult"})

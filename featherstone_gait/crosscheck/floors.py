@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
-from ..base.deprecated import renamed
 from ..model import Ground
 from ..run.simulate import simulate, standing_state
 from ..scene.compile import CompiledScene
@@ -122,6 +121,3 @@ def walk_on(
     start = motion.begin(WARM_UP)
     walks = (WalkResult(measured(scene, each, start, end, strides, slip=False), each.end_time) for each in (run, here))
     return Outcome(floor, depth, *walks)
-
-
-__getattr__ = renamed(__name__, {"Walk": "featherstone_gait.crosscheck.floors:WalkResult"})

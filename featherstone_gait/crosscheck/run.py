@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..base import deprecated
 from ..base.arguments import instance, one_of, real, texts, whole
 from ..base.brief import in_full
 from ..base.files import FilePath, Format, complete, read_json, write_csv
@@ -32,7 +31,6 @@ MEASURES = {"walks": "walks", "end": "end_s", "cost": "cost_J_per_m", "speed": "
             "sideways": "sideways_m", "status": "status"}  # fmt: skip
 
 
-@deprecated.keywords(servos="gearbox")
 def crosscheck(
     motion: Motion | BalancedWalk,
     robot: FilePath | Model = "humanoid",

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import HUGE, floats, instance, listed, shown, vector
 from ..base.brief import FEW, brief
-from ..base.deprecated import warn
 from ..base.fixed_order import applied, product, solve, total
 from ..base.portable_math import angle
 from ..core.compile.elementary import SINCOS_LIMIT
@@ -57,7 +56,7 @@ class Wrench(NamedTuple):
         return brief(self)
 
 
-Wrenches = Mapping[str, Wrench]  # by link; until version 0.4 also (6,) or (n, 6) [moment; force]
+Wrenches = Mapping[str, Wrench]  # by link
 
 
 class Energy(np.ndarray):
@@ -1133,17 +1132,12 @@ def _add_paths(
 
 def _force_and_moment(what: str, value: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the parts (n, 3) of a wrench."""
-    if isinstance(value, Wrench):
-        parts, width = [floats(f"{what}: {name}", part) for name, part in zip(value._fields, value)], 3
-    else:
-        warn("wrench={link: [moment; force]}", "wrench={link: Wrench(force, moment)}")
-        parts, width = [floats(what, value)], 6
+    instance(what, value, Wrench, "give Wrench(force, moment)")
+    parts = [floats(f"{what}: {name}", part) for name, part in zip(value._fields, value)]
     for part in parts:
-        if part.shape not in ((width,), (n, width)) or not np.isfinite(part).all():
+        if part.shape not in ((3,), (n, 3)) or not np.isfinite(part).all():
             expected = f"Wrench(force, moment), each (3,) or ({n}, 3) finite numbers"
             raise ValueError(f"{what} must be {expected}: {shown(value)}")
-    if width == 6:
-        parts = [parts[0][..., 3:], parts[0][..., :3]]
     force, moment = (np.broadcast_to(part, (n, 3)) for part in parts)
     return force, moment
 

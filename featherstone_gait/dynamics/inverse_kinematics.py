@@ -18,7 +18,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base import deprecated
 from ..base.arguments import finite, floats, instance, listed, real, shown, texts, vector, whole
 from ..base.brief import brief
 from ..base.fixed_order import applied, product, solve, total
@@ -74,15 +73,6 @@ class Target(NamedTuple):
 
     def __repr__(self) -> str:
         return brief(self)
-
-    @property
-    def turn_weight(self) -> ArrayLike:
-        """Return `orientation_weight` by its old name."""
-        deprecated.warn("Target.turn_weight", "Target.orientation_weight")
-        return self.orientation_weight
-
-
-Target.__new__ = deprecated.keywords(turn_weight="orientation_weight")(Target.__new__)  # type: ignore[method-assign]
 
 
 class IKResult(NamedTuple):

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, listed, one_of, real, vector, whole
-from ..base.deprecated import keywords
 from ..model import Ground, Model
 from ..robot_file import load_robot
 from ..run.prepare import most_ticks
@@ -229,7 +228,6 @@ class RobotEnv(gymnasium.Env):
     task = Task()
     _kind = _Robots
 
-    @keywords(servos="gearbox")
     def __init__(
         self,
         robot: str | Model | CompiledScene = "humanoid",
@@ -347,7 +345,6 @@ class RobotVectorEnv(VectorEnv):
     task = Task()
     _kind = _Robots
 
-    @keywords(servos="gearbox")
     def __init__(
         self,
         robot: str | Model | CompiledScene = "humanoid",

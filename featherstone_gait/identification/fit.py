@@ -32,7 +32,6 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..base import deprecated
 from ..base.arguments import finite, is_real, listed, real, shown, truth
 from ..base.brief import brief
 from ..base.progress import progress_bar
@@ -107,7 +106,6 @@ class Identification(Fit):
         )
 
 
-@deprecated.keywords(servos="gearbox")
 def identify(
     model: Model | Sequence[Model],
     recordings: Sequence[Recording],
@@ -226,7 +224,6 @@ def changed(model: Model, **values: float) -> Model:
     return replace(model, servos={joint: servo_with(servo, values) for joint, servo in model.servos.items()})
 
 
-@deprecated.keywords(servos="gearbox")
 def predict(
     model: Model,
     recordings: Sequence[Recording],
@@ -288,7 +285,6 @@ def _predicted(
     return [found[k] for k in range(len(recordings))]
 
 
-@deprecated.keywords(servos="gearbox")
 def prediction_error(model: Model, recordings: Sequence[Recording], gearbox: GearboxKind | None = None) -> np.ndarray:
     """Return how well a model predicts recordings, which is a test if they were not fitted.
 

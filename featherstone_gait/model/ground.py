@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base import deprecated
 from ..base.arguments import floats, instance, is_real, listed, whole
 from ..base.brief import brief
 from .checks import (
@@ -30,7 +29,6 @@ from .surface import Surface
 MOST_STAIRS = 10**6
 
 
-@deprecated.fields(rim="circle_radius", carries="load_bearing")
 @dataclass(frozen=True)
 class ContactPoint:
     """A part of a link that can touch the ground: a point, or the lowest point of a sphere or of a circle.
@@ -180,7 +178,6 @@ class FloorLine:
         object.__setattr__(self, "points", tuple(points))
 
 
-@deprecated.fields(sinking="penetration")
 @dataclass(frozen=True)
 class Ground:
     """Ground under the contact points, described by quantities that can be measured.

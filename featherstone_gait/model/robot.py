@@ -22,7 +22,6 @@ import numpy as np
 
 from ..base.arguments import instance, listed, shown, texts
 from ..base.brief import clipped
-from ..base.deprecated import method
 from ..base.flaws import FlawError, quoted
 from .checks import check, choice_flaws, name_flaws, vector_flaws
 from .degrees import Degrees, ball_name, degrees_of, widths
@@ -477,8 +476,6 @@ class Model:
         if not isinstance(name, str) or name not in rows:
             raise ValueError(f"model {self.name!r} has no {kind} {shown(name)}; its {kind}s are {quoted(rows)}")
         return rows[name]
-
-    show_tree = method("Model.show_tree()", "featherstone_gait.view.tree:tree_text")
 
 
 _PARTS = {

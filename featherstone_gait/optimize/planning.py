@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from ..base import deprecated
 from ..base.arguments import one_of
 from ..model import Ground, Model
 from ..scene.actuator import servo_gearbox
@@ -26,7 +25,6 @@ from .quality import describe
 from .stored import CHEAPEST, is_measured, stored_rows
 
 
-@deprecated.keywords(servos="gearbox")
 def walking_cost(
     model: Model,
     gearbox: GearboxKind | None = None,

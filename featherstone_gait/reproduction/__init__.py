@@ -10,7 +10,6 @@ Its simulator's order of updates is the integrator "simtwo", which importing thi
 `compile_scene`.
 """
 
-from ..base.deprecated import renamed
 from ..core import add_integrators
 from .claim import Claim, ClaimTable, Verdict, classify, format_claims, number, question
 
@@ -36,5 +35,3 @@ EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
 )
 
 __all__ = ["EXPERIMENTS", "Claim", "ClaimTable", "Verdict", "classify", "format_claims", "number", "question"]
-
-__getattr__ = renamed(__name__, {"listed": "featherstone_gait.reproduction.claim:format_claims"})

@@ -22,7 +22,6 @@ from ..model.sensor import (
     Sensor,
     check_name,
 )
-from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from . import sensors
 from .force_sensor import bears, touches
@@ -160,7 +159,7 @@ def resolved(scene: CompiledScene, what: Any, who: str = "observe") -> Any:
     own = scene.sensors
     if isinstance(what, str) and what in own:
         return resolved(scene, own[what], who)
-    if not isinstance(what, str) or what in NAMED or current_name(what) in RECORDABLE:
+    if not isinstance(what, str) or what in NAMED or what in RECORDABLE:
         return what
     known = ", ".join((*RECORDABLE, *NAMED, *own))
     raise ValueError(f"{who}: there is no channel or sensor {shown(what)}; there are {known}")
@@ -175,13 +174,12 @@ def found(what: What, who: str = "observe") -> tuple[Callable[..., Any], tuple[s
     if isinstance(sensor, OBJECTS):
         function, needed = KINDS[type(sensor)]
         return lambda scene, channels: function(scene, channels, sensor), needed
-    name = current_name(sensor) if isinstance(sensor, str) else sensor
-    if isinstance(name, str) and name in NAMED:
-        if isinstance(what, SampledSensor) and name == "sole_forces":
+    if isinstance(sensor, str) and sensor in NAMED:
+        if isinstance(what, SampledSensor) and sensor == "sole_forces":
             raise ValueError("sampled sensor: sole_forces are several arrays, by link; give a channel, or a sensor")
-        return NAMED[name]
-    if isinstance(name, str) and name in RECORDABLE:
-        return lambda scene, channels: channels[name], (name,)
+        return NAMED[sensor]
+    if isinstance(sensor, str) and sensor in RECORDABLE:
+        return lambda scene, channels: channels[sensor], (sensor,)
     known = ", ".join((*RECORDABLE, *NAMED))
     raise ValueError(f"{who}: there is no channel or sensor {shown(what)}; there are {known}")
 
@@ -235,7 +233,7 @@ def split(scenes: Sequence[CompiledScene], record: Iterable[Any] | None) -> Chos
         raise ValueError("record: sole_forces are several arrays, by link; record contact_force, and call sole_forces")
     channels = [one for one in given if one not in chosen]
     needed = [name for one in chosen for scene in scenes for name in here(scene, one)]
-    kept = frozenset(current_name(one) for one in channels if isinstance(one, str))
+    kept = frozenset(one for one in channels if isinstance(one, str))
     return Chosen(tuple(dict.fromkeys([*channels, *needed])), kept | {"time"}, chosen)
 
 

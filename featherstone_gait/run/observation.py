@@ -10,7 +10,6 @@ import numpy as np
 from ..core.integrate.rollout import OK
 from ..core.step.state import BY_NAME, shaped
 from ..model.sensor import SampledSensor
-from ..scene.channels import current_name
 from .classify import to_trajectory
 from .compiled_run import CompiledRun
 from .fleet import Fleet
@@ -26,7 +25,7 @@ class View:
         self.name: str = name_of(what)
         inner = what.sensor if isinstance(what, SampledSensor) else what
         self._reading, needed = found(what)[0], here(fleet.runs[0].scene, what)
-        name = current_name(inner) if isinstance(inner, str) else ""
+        name = inner if isinstance(inner, str) else ""
         self._runs = each_once(lambda run: prepare(run.scene, tick, needed), fleet.runs)
         self._values = np.zeros((len(fleet.runs), len(self._runs[0].channels)))
         self._copies = []

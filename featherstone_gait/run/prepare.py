@@ -12,7 +12,6 @@ import numpy as np
 from ..base.arguments import is_real, listed, real, shown
 from ..core.step import state
 from ..core.step.context import Plan
-from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
 from ..scene.external import Push
@@ -85,7 +84,7 @@ def recorded(scene: CompiledScene, record: Iterable[str] | None) -> tuple[str, .
     """Return the channels to record, those of the coordinates if None; ValueError for no list."""
     if record is None:
         return coordinates(scene)
-    return tuple(map(current_name, listed("record", record, "give a list of channels, such as ('q', 'qd')")))
+    return tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
 
 
 def coordinates(scene: CompiledScene) -> tuple[str, ...]:

@@ -27,11 +27,10 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, floats, instance, listed, one_of, real, shown, truth, whole
 from ..base.brief import clipped, in_full
-from ..base.deprecated import attribute, keywords
 from ..base.files import FilePath, Format, complete, read_arrays
 from ..core.effects.push import EVENT_MARGIN
 from ..core.integrate.rollout import OK
-from ..scene.channels import StateView, current_name
+from ..scene.channels import StateView
 from ..scene.compile import CompiledScene
 from ..scene.external import Push, build_pushes
 from .classify import Outcome, classify
@@ -132,7 +131,6 @@ class Session:
 
     _first_pushes: np.recarray | None = None  # those before any was set
 
-    @keywords(sample="record_interval")
     def __init__(
         self,
         scene: CompiledScene,
@@ -264,7 +262,6 @@ class Session:
         """
         with self._alone():
             who = self._mask(mask)
-            name = current_name(name)
             one_of("name", name, coordinates(self.scene))
             whole_q = name == "q" and self.scene.tree.balls is not None
             width = len(self.scene.model.position_names) if whole_q else np.ptp(self.scene.part(name))
@@ -613,10 +610,6 @@ class Session:
         robot = whole("robot", robot, 0, f"there are {self.n}, 0 the first", self.n - 1)
         run = self._log.trajectory(robot, self._fleets[0])
         return with_readings(self._runs[robot].scene, run, self._chosen, robot) if self._chosen.sensors else run
-
-    change = attribute("change", "set_state")
-    running = attribute("running", "active")
-    behind = attribute("behind", "lag")
 
     # ------------------------------------------------------------------------------------------------ keeping
 

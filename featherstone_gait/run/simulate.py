@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base import deprecated
 from ..base.arguments import instance, listed, shown, truth
 from ..core.step.state import RECORDABLE
 from ..scene.channels import channel_table
@@ -55,7 +54,6 @@ __all__ = [
 PARTS = RECORDABLE  # channels that can be recorded
 
 
-@deprecated.keywords(sample="record_interval")
 def simulate(
     scene: CompiledScene,
     duration: float,
@@ -159,7 +157,6 @@ if simulate.__doc__:  # python -OO leaves it out
     simulate.__doc__ += f"\n    Channels, with units and labels:\n\n{indent(channel_table(), 8 * ' ')}\n"
 
 
-@deprecated.keywords(sample="record_interval")
 def simulate_batch(
     scene: CompiledScene | Sequence[CompiledScene],
     duration: float,

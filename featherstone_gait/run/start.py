@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base import deprecated
 from ..base.arguments import instance, shown, texts, truth, vector
 from ..base.fixed_order import total
 from ..base.flaws import quoted
@@ -42,7 +41,6 @@ OVERSHOOT = 1e-2  # beyond a limit, as far as a joint presses into its stop [rad
 SHORTEST, LONGEST = 1e-6, 1e6  # quaternion that has a direction
 
 
-@deprecated.keywords(beyond_limits="allow_limit_violation")
 def initial_state(
     scene: CompiledScene,
     q: ArrayLike | Mapping[str, ArrayLike] | None = None,
@@ -204,7 +202,6 @@ def reset_time(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
     return y
 
 
-@deprecated.keywords(beyond_limits="allow_limit_violation")
 def standing_state(scene: CompiledScene, angles: ArrayLike, allow_limit_violation: bool = False) -> np.ndarray:
     """Return the state of a floating robot at rest on the ground over the origin, with its base upright.
 

@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ..base import deprecated
 from ..base.arguments import shown
 from ..base.brief import some
 from ..base.files import FilePath, Format, complete_together, is_number, read_arrays, read_json
 from ..core.step.state import BY_NAME, shaped
 from ..model import Model
-from ..scene.channels import OLD, ByChannel, Share, StateView, column_of, owned
+from ..scene.channels import Share, StateView, column_of, owned
 from . import contacts, tables
 from .contacts import is_of_slots
 from .status import Status
@@ -24,7 +23,6 @@ from .status import Status
 FORMAT = Format("trajectory")
 
 
-@deprecated.fields(companion="second_final")
 @dataclass(frozen=True, eq=False)
 class Trajectory(Mapping[str, np.ndarray]):
     """Hold the result of a simulation: a mapping from channel names to arrays (samples, ...).
@@ -74,9 +72,6 @@ class Trajectory(Mapping[str, np.ndarray]):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "status", Status(self.status))
-        for name in ("channels", "error", "parts"):
-            values = getattr(self, name)
-            object.__setattr__(self, name, None if values is None else ByChannel(values))
 
     def __getitem__(self, name: str) -> Any:
         """Return a channel (samples, ...), or the run of one robot or object, as `of` does."""
@@ -224,7 +219,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         parts = described.pop("parts", None)
         _check_described(text, described)
         channels, error = (
-            {_current(name.removeprefix(kind)): values for name, values in arrays.items() if name.startswith(kind)}
+            {name.removeprefix(kind): values for name, values in arrays.items() if name.startswith(kind)}
             for kind in ("channel_", "error_")
         )
         parts = None if parts is None else _parts(text, parts, len(final))
@@ -238,11 +233,6 @@ class Trajectory(Mapping[str, np.ndarray]):
     def described(self) -> dict[str, Any]:
         """Return the status, the message, the end time and the info."""
         return {"status": self.status, "message": self.message, "end_time": float(self.end_time), "info": self.info}
-
-    plot = deprecated.method("Trajectory.plot", "featherstone_gait:plot")
-    show = deprecated.method("Trajectory.show", "featherstone_gait:show")
-    show_live = deprecated.method("Trajectory.show_live", "featherstone_gait:show_live")
-    save_gif = deprecated.method("Trajectory.save_gif", "featherstone_gait:save_movie")
 
 
 def positions(trajectory: Mapping[str, np.ndarray], model: Model | None = None) -> np.ndarray:
@@ -353,16 +343,11 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             )
 
 
-def _current(name: str) -> str:
-    """Return the current name of a channel in a file, which may be older."""
-    return OLD.get(name, name)
-
-
 def _parts(path: Path, parts: Any, length: int) -> dict[str, tuple[int, int]]:
     """Check where the parts of a final state of that length lie.  Raises ValueError if they cannot lie there."""
     if isinstance(parts, dict):
         lists = [part for part in parts.values() if isinstance(part, list) and [*map(type, part)] == [int, int]]
         if len(lists) == len(parts) and all(0 <= start <= stop <= length for start, stop in lists):
-            return {_current(name): (start, stop) for name, (start, stop) in parts.items()}
+            return {name: (start, stop) for name, (start, stop) in parts.items()}
     expected = f"the first and past-the-last index of each name in the {length} numbers of the final state"
     raise ValueError(f"{path}: parts is {repr(parts)[:100]}; expected {expected}: simulate again")

@@ -22,7 +22,6 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base import deprecated
 from ..base.arguments import floats, instance, one_of, real, shown, truth, whole
 from ..base.brief import brief
 from ..base.portable_math import exp
@@ -55,7 +54,6 @@ INFINITE = (  # numbers that may be infinite
 _OWNER = {f.name: part for part in (Controller, Gearbox, Servo) for f in dataclasses.fields(part)}
 
 
-@deprecated.fields(law="kind", width="scale", added="additive", alike="shared")
 @dataclass(frozen=True)
 class Distribution:
     """The distribution of a number that is drawn for each run, about the number of the scene.
@@ -183,9 +181,6 @@ class Worlds:
         for section, names in FIELDS.items():
             given = getattr(self, section)
             instance(f"worlds: {section}", given, Mapping, "give a dictionary, by name")
-            if section == "ground" and "sinking" in given:
-                deprecated.warn("worlds: ground: sinking", "penetration")
-                given = {"penetration" if name == "sinking" else name: value for name, value in given.items()}
             checked = {name: _checked(section, names, name, value) for name, value in given.items()}
             object.__setattr__(self, section, checked)
             for name, value in checked.items():

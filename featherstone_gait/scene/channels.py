@@ -7,30 +7,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..base import deprecated
 from ..base.brief import some
 from ..core.step.state import BY_NAME, RECORDABLE, UNITS, Channel, several
 
-OLD = {  # names until version 0.2
-    "passes": "newton_iterations",
-    "pace": "step_control",
-    "end": "end_time",
-    "increment": "velocity_change",
-    "bristle": "tangential_deflection",
-    "filtered": "filtered_speed",
-    "bus": "bus_voltage",
-    "goal": "profiled_reference",
-}
 OF_SLIDERS = ("m", "m/s", "m/s²", "N")  # units of what turning joints have in rad, rad/s, rad/s² and N m
-OLD_LABELS = {"meter": "electrical_no_regeneration", "driver": "driver_loss"}
-
-
-def current_name(name: Any) -> Any:
-    """Return the current name of a channel, with a DeprecationWarning for an old one; anything else as it is."""
-    if isinstance(name, str) and name in OLD:
-        deprecated.warn(f"channel {name!r}", repr(OLD[name]))
-        return OLD[name]
-    return name
 
 
 def channel_table() -> str:
@@ -60,10 +40,6 @@ def unit_of(name: str, types: Iterable[str]) -> str:
 
 def column_of(name: str, label: str) -> int:
     """Find the index of a channel's number by its label.  Raises ValueError for an unknown channel or label."""
-    name = current_name(name)
-    if label in OLD_LABELS:
-        deprecated.warn(f"label {label!r}", repr(OLD_LABELS[label]))
-        label = OLD_LABELS[label]
     if name not in BY_NAME:
         raise ValueError(f"there is no channel {name!r}; channels: {', '.join(BY_NAME)}")
     labels = BY_NAME[name].labels
@@ -114,15 +90,6 @@ def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
     return np.arange(channel.width * first, channel.width * end)
 
 
-class ByChannel(dict[str, Any]):
-    """Values by the names of channels, which an old name finds too, with a DeprecationWarning."""
-
-    def __missing__(self, name: Any) -> Any:
-        if name not in OLD:
-            raise KeyError(name)
-        return self[current_name(name)]
-
-
 class StateView(Mapping[str, np.ndarray]):
     """The channels of a state by name, as views into it: ``view.q[2] = 0.1`` changes the state.
 
@@ -145,7 +112,6 @@ class StateView(Mapping[str, np.ndarray]):
     def __getattr__(self, name: str) -> np.ndarray:
         if name.startswith("_"):
             raise AttributeError(name)
-        name = current_name(name)
         if name not in self._parts:
             raise AttributeError(f"a state has no channel {name!r}; channels: {', '.join(self._parts)}")
         first, end = self._parts[name]
@@ -155,7 +121,6 @@ class StateView(Mapping[str, np.ndarray]):
         return values
 
     def __getitem__(self, name: str) -> np.ndarray:
-        name = current_name(name)
         if name not in self._names:
             raise KeyError(f"this state has no channel {name!r}; channels: {', '.join(self._names)}")
         return getattr(self, name)

@@ -11,7 +11,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..base import deprecated
 from ..base.arguments import instance, listed, shown
 from ..base.brief import clipped, some
 from ..base.flaws import quoted
@@ -28,7 +27,7 @@ from ..model.placed import Placed, SceneModel, check_scene_loops, link_name
 from ..model.sensor import RESERVED, WORLD, SampledSensor, Sensor
 from ..model.tendon import ball_limit, spring_tendon
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
-from .channels import ByChannel, StateView
+from .channels import StateView
 from .contact import build_contact, standing_posture
 from .external import Push, build_lifts, build_pushes
 from .firmware import build_firmware, build_supply
@@ -121,9 +120,6 @@ class CompiledScene:
         between = f"{len(self.pairs)} pairs" if self.pairs else f"{len(self.springs)} springs"
         return f"<scene of {name}: {joints}, {driven}, {under}, {between}, {step}>"
 
-    servos = deprecated.attribute("servos", "gearbox")
-
-    @deprecated.keywords(servos="gearbox")
     def recompiled(
         self, model: Model | None = None, places: Mapping[str, Mapping[str, Any]] | None = None, **changes: Any
     ) -> CompiledScene:
@@ -283,14 +279,14 @@ class CompiledScene:
         return self.constants.actuator is not None or _follow(self.model)
 
     @cached_property
-    def layout(self) -> ByChannel:
+    def layout(self) -> dict[str, int]:
         """First index of each part of the state, and the state's "length"."""
-        return ByChannel(zip(state.STATE.names or (), self.places[0].tolist()))
+        return dict(zip(state.STATE.names or (), self.places[0].tolist()))
 
     @cached_property
-    def parts(self) -> ByChannel:
+    def parts(self) -> dict[str, tuple[int, int]]:
         """First and past-the-last index of each part of the state."""
-        return ByChannel(state.parts(self.layout))
+        return state.parts(self.layout)
 
     def part(self, name: str) -> tuple[int, int]:
         """Return first and past-the-last index of a part of the state."""
@@ -343,7 +339,6 @@ class CompiledScene:
         return self if table is None else replace(self, constants=self.constants._replace(push=table))
 
 
-@deprecated.keywords(servos="gearbox")
 def compile_scene(
     model: Model | Placed | SceneModel | Sequence[Model | Placed],
     gearbox: GearboxKind | None = None,

@@ -13,7 +13,6 @@ that depend on seed and costs alone, not on the size of the batches.  `run` eval
 several, such as restarts.  A cost that is not finite is worse than any other.
 """
 
-from ..base.deprecated import renamed
 from .annealing import AdaptiveSimulatedAnnealing
 from .cma_es import cma_es
 from .minimization import minimize
@@ -23,11 +22,3 @@ from .run import run, run_together
 __all__ = [
     "AdaptiveSimulatedAnnealing", "cma_es", "minimize", "minimize_noisy", "run", "run_together",
 ]  # fmt: skip
-
-__getattr__ = renamed(
-    __name__,
-    {
-        name: f"featherstone_gait.reproduction.search_methods:{name}"
-        for name in ("differential_evolution", "dual_annealing")
-    },
-)

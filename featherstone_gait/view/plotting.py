@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..base import deprecated
-from ..base.arguments import instance, listed, shown, whole
+from ..base.arguments import instance, shown, whole
 from ..core.step.state import UNITS
 from ..dynamics import check_model, forward_kinematics
 from ..model import Model
@@ -80,12 +79,6 @@ def plot(trajectory: Trajectory, *names: str, axes: Axes | Sequence[Axes] | np.n
             panel.set_ylabel(table.axis)
         panels[-1].set_xlabel("time [s]")
         return shown_once(panels[-1].figure)
-
-
-def plot_trajectory(trajectory: Trajectory, names: Sequence[str], axes: Any = None) -> Figure:
-    """Call `plot` by its old name and arguments, with a warning; works until version 0.4."""
-    deprecated.warn("plot_trajectory(run, names)", "featherstone_gait.plot(run, *names)")
-    return plot(trajectory, *listed("names", names, "give a list of channels"), axes=axes)
 
 
 def _rows(trajectory: Trajectory, tables: list[_Table]) -> Figure:

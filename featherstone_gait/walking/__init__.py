@@ -1,6 +1,5 @@
 """Walking: preview control of the zero-moment point, leg inverse kinematics, plans, key-pose gaits and their cost."""
 
-from ..base.deprecated import renamed
 from .cheapest_plan import cheapest_plan, first_gait
 from .constraints import ConstrainedCost, ConstraintReport, Constraints
 from .cost import Measures, WalkingCost, cost_of_motion
@@ -25,5 +24,3 @@ __all__ = [
     "pushes_survived", "read_angles", "read_motion", "read_walk", "references", "rough_field", "servo_of", "solve_leg",
     "walk_far", "walking_plan", "with_generic_servos", "write_angles", "write_goal_positions",
 ]  # fmt: skip
-
-__getattr__ = renamed(__name__, {"Walk": "featherstone_gait.walking.plan:WalkSettings"})

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base import deprecated
 from ..base.arguments import instance, is_real, whole
 from ..base.brief import brief
 from ..base.files import FilePath
@@ -186,7 +185,6 @@ class WalkingCost(BatchCost):
         """Measure a run that starts as `beginning` says, with the channels `RECORD` every `SAMPLE`."""
         return measured(self.scene, run, self.mark, self.end, self.strides, slip)
 
-    @deprecated.keywords(sample="record_interval")
     def simulate(
         self,
         vectors: Iterable[ArrayLike],

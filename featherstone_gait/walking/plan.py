@@ -25,7 +25,6 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, is_real, one_of, real, shown, whole
 from ..base.brief import brief
-from ..base.deprecated import renamed
 from ..base.portable_math import sincos
 from ..dynamics import check_model
 from ..model import Model
@@ -406,6 +405,3 @@ def _follow(
             return angles, base
         base = base + missed
     raise ValueError(f"the center of mass of {model.name!r} still misses its path by {np.abs(missed).max():.1e} m")
-
-
-__getattr__ = renamed(__name__, {"Walk": "featherstone_gait.walking.plan:WalkSettings"})

@@ -544,6 +544,8 @@ def test_arguments_that_do_not_fit_one_another_raise():
     for wrench in (Wrench(np.zeros(6)), Wrench(np.zeros(3), np.zeros((2, 3))), Wrench(np.full(3, np.inf))):
         with pytest.raises(ValueError, match="wrench on body1 must be"):
             forward_dynamics(model, q, qd, tau, wrench={"body1": wrench})
+    with pytest.raises(TypeError, match=r"wrench on body1 is .*; give Wrench\(force, moment\)"):
+        forward_dynamics(model, q, qd, tau, wrench={"body1": np.zeros(6)})
 
 
 @pytest.mark.nojit

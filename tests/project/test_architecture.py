@@ -121,10 +121,8 @@ def test_search_knows_no_physics(module):
 
 
 def test_the_library_knows_neither_the_paper_nor_the_benchmarks_nor_the_command_line():
-    """Old paths that lead there (`deprecated.moved`) name them in a string alone."""
     outer = [f"featherstone_gait.{room}" for room in ("reproduction", "benchmark", "cli")]
-    old = ("featherstone_gait.experiments", "featherstone_gait.maximal")
-    inner = [name for name in MODULES if not within(name, *outer, *old, "featherstone_gait.__main__")]
+    inner = [name for name in MODULES if not within(name, *outer, "featherstone_gait.__main__")]
     assert [(module, name) for module in inner for name in all_imports(module) if within(name, *outer)] == []
 
 
@@ -234,7 +232,7 @@ def test_no_file_names_a_place_on_some_machine(folder):
 def public_names():
     """What the package and its rooms hand out (`__all__`), each once."""
     rooms = [module for module, path in MODULES.items() if path.name == "__init__.py"]
-    outer = [f"featherstone_gait.{room}" for room in ("core", "benchmark", "reproduction", "experiments", "cli")]
+    outer = [f"featherstone_gait.{room}" for room in ("core", "benchmark", "reproduction", "cli")]
     found = {}
     for room in (importlib.import_module(name) for name in rooms if not within(name, *outer)):
         for name in vars(room).get("__all__", ()):
@@ -261,7 +259,6 @@ def undocumented(thing):
     return lacking
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_public_names_state_parameters_results_and_attributes():
     """In numpydoc sections; ruff's D rules see to the rest."""
     lacking = {f"{thing.__module__}.{thing.__qualname__}": undocumented(thing) for thing in public_names()}

@@ -1,6 +1,5 @@
 """The planned walk: feet, center of mass and zero-moment point are where a walk needs them."""
 
-import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -224,12 +223,3 @@ def test_margin_is_the_distance_to_the_nearest_edge():
     assert len(square) == 4
     assert polygon_margin(np.array([1.0, 0.3]), square) == pytest.approx(0.3)
     assert polygon_margin(np.array([2.5, 0.3]), square) == pytest.approx(-0.5)
-
-
-@pytest.mark.parametrize(
-    ("module", "new"), [("walking", "WalkSettings"), ("walking.plan", "WalkSettings"), ("crosscheck", "WalkResult")]
-)
-def test_walk_is_an_old_name_of_settings_and_results(module, new):
-    room = importlib.import_module(f"featherstone_gait.{module}")
-    with pytest.warns(DeprecationWarning, match=f"{module}.Walk is now .*{new}"):
-        assert room.Walk is getattr(room, new)

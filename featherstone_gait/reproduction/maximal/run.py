@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base import deprecated
 from ...base.arguments import instance, listed, whole
 from ...core.compile.jit import entry, inline
 from ...core.compile.optional import slice_if
@@ -163,7 +162,6 @@ def _read_base(floating: Any, offsets: Any, w: Any, x: Any, y: Any) -> None:
 # ---------------------------------------------------------------------------------------------- from Python
 
 
-@deprecated.keywords(sample="record_interval")
 def simulate(
     scene: CompiledScene,
     duration: float,
@@ -219,7 +217,6 @@ def simulate(
     )[0]
 
 
-@deprecated.keywords(sample="record_interval")
 def simulate_seeds(
     scene: CompiledScene,
     duration: float,
