@@ -2,7 +2,7 @@
 
 A file that the package writes for itself to read states its format: its kind, a number that rises when the contents
 change, and the version that wrote it.  JSON and arrays (.npz) have it as "format", CSV in a comment over the header.
-Files of version 0.1 state none; their number is 1.
+A table that states none is read too, as other programs write it.
 """
 
 from __future__ import annotations

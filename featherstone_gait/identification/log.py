@@ -12,7 +12,6 @@ from typing import TypedDict
 from ..base.arguments import path as path_of
 from ..base.files import FilePath, Format, is_number
 from ..base.line_file import LineFile
-from .gauss_newton import DAMPING
 
 LOG = Format("servo fit log", 3)
 NUMBERS = ("round", "damping", "seconds")
@@ -67,7 +66,6 @@ class FitLog:
         self._rounds[key] = row
 
     def _take(self, content: dict, what: str, _: int) -> None:
-        content = {"damping": DAMPING, **content}  # which logs of format 2 do not have
         key, x = content.pop("fit", None), content.get("x")
         whole = isinstance(key, str) and content.keys() == FitRound.__annotations__.keys()
         if not whole or not isinstance(x, list) or not all(map(is_number, [*x, *(content[name] for name in NUMBERS)])):

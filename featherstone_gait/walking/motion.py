@@ -147,8 +147,7 @@ def servo_of(path: FilePath) -> str | None:
     Returns
     -------
     str or None
-        The servo of all joints, as given to `optimize --servo`; None for the robot's own, and for files that do not say
-        (CSV, and those of version 0.1).
+        The servo of all joints, as given to `optimize --servo`; None for the robot's own, or if the file does not say.
 
     Raises
     ------
@@ -166,20 +165,16 @@ def servo_of(path: FilePath) -> str | None:
 
 def _of_arrays(path: Path, joint_names: Sequence[str] | None, first: bool) -> Motion:
     arrays = read_arrays(path, ARRAYS)
-    missing = {"poses", "first", "start", "period", "joint_names"} - arrays.keys()
+    of = "first_poses" if first else "poses"
+    missing = {of, "start", "period", "joint_names"} - arrays.keys()
     if missing:
         what = ", ".join(sorted(missing))
         raise ValueError(f"{path}: lacks {what}; give the .npz that featherstone-gait optimize writes")
-    names, poses = tuple(map(str, arrays["joint_names"].tolist())), floats("poses", arrays["poses"])
+    names, poses = tuple(map(str, arrays["joint_names"].tolist())), floats(of, arrays[of])
     wanted = names if joint_names is None else tuple(texts("joint_names", joint_names))
     if sorted(names) != sorted(wanted):
         odd = ", ".join(sorted({*names} ^ {*wanted}))
         raise ValueError(f"{path}: its joints are not those of joint_names: {odd}; name the robot (--robot)")
-    if first:
-        began = arrays.get("first_poses", arrays["first"])  # of a step, `first` lacks what the other leg mirrors
-        if began.size != poses.size:
-            raise ValueError(f"{path}: lacks first_poses, which earlier versions did not write; make it anew")
-        poses = floats("first_poses", began).reshape(poses.shape)
     columns = [names.index(name) for name in wanted]
     try:
         return motion_of(Gait(wanted, poses[:, columns], float(arrays["period"])), arrays["start"][:, columns])

@@ -60,7 +60,7 @@ def motion(cost):
 def gait_file(cost, tmp_path):
     path, gait = tmp_path / "humanoid_gait.npz", cost.gait
     np.savez_compressed(
-        path, format=str(ARRAYS), x=gait.to_vector(), first=0.9 * gait.to_vector(), poses=gait.poses, start=cost.start,
+        path, format=str(ARRAYS), x=gait.to_vector(), first_poses=0.9 * gait.poses, poses=gait.poses, start=cost.start,
         period=gait.period, joint_names=gait.joint_names,
     )  # fmt: skip
     return path
@@ -418,7 +418,7 @@ def test_files_that_are_no_gait_are_refused(motion, gait_file, tmp_path):
     with pytest.raises(ValueError, match=r"humanoid\.txt: give a gait's \.npz"):
         read_motion(tmp_path / "humanoid.txt")
     np.savez(tmp_path / "other.npz", poses=np.zeros(3))
-    with pytest.raises(ValueError, match=r"other\.npz: lacks first, joint_names, period, start"):
+    with pytest.raises(ValueError, match=r"other\.npz: lacks joint_names, period, start"):
         read_motion(tmp_path / "other.npz")
 
 

@@ -187,14 +187,14 @@ def test_an_interrupted_fit_goes_on_to_the_same_bits(tmp_path, monkeypatch):
         assert fit_servo(rows, XL330, "m1", log=log).values == whole.values
 
 
-HEADER = '{"format": "featherstone_gait servo fit log 2, written by version 0.2"}'
+HEADER = '{"format": "featherstone_gait servo fit log 3, written by version 0.2"}'
 
 
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
         ([HEADER.replace("servo fit", "study")], "expected featherstone_gait servo fit"),
-        ([HEADER.replace("log 2", "log 9")], "reads servo fit log 1 to 3"),
+        ([HEADER.replace("log 3", "log 9")], "reads servo fit log 1 to 3"),
         ([HEADER, "12"], "line 2: damaged"),
         ([HEADER, '{"fit": "a"}'], "line 2: damaged"),
         (["time_s,angle_rad"], "line 1: damaged"),
