@@ -16,10 +16,7 @@ from docutils.utils.math.latex2mathml import tex2mathml
 
 HERE = Path(__file__).parent
 ROOT, NOTEBOOKS = HERE.parent, HERE / "notebooks"
-sys.path[:0] = [str(ROOT), str(HERE)]
-
-import keys  # noqa: E402
-import tables  # noqa: E402
+sys.path.insert(0, str(ROOT))
 
 import featherstone_gait  # noqa: E402
 import featherstone_gait.cli  # noqa: E402
@@ -91,7 +88,7 @@ def _remove_notebooks(app, exception):
 
 
 def _resolve(app, page, source):
-    """Fill in tables, lists and help texts; turn links out of this folder, as in the repository, into the site's."""
+    """Fill in lists and help texts; turn links out of this folder, as in the repository, into the site's."""
     up = "../" * page.count("/")
     text = re.sub(r"\]\((?:\.\./)+notebooks/", f"]({up}notebooks/", source[0])
     text = re.sub(r"\]\((?:\.\./)+docs/", f"]({up}", text)  # of a notebook
@@ -102,8 +99,8 @@ def _resolve(app, page, source):
         others = sorted(path.stem for path in HERE.glob("*.md") if path.stem not in {*named, "index"})
         text = text.replace("@others", "\n".join(others))
     if page == "commands":
-        text = text.replace("```{help}\n```", _helps())
-    source[0] = keys.resolved(tables.resolved(text))
+        text = text.replace("<!-- help -->", _helps())
+    source[0] = text
 
 
 NUMBER = re.compile(r"(?<=\d) (?=(?:[kmµn]?[gmsJNVAW]|rad|mm|ms|mrad|min|%|J/m|N m|mm/s|rad/s)(?![\w/]))")

@@ -1,7 +1,4 @@
-"""Tables of the keys of TOML files, from the dataclasses that the reader fills: the page `toml_keys.md`.
-
-A fenced block ```{keys} NAME``` becomes the table of the keys of `TABLES[NAME]`.
-"""
+"""Tables of the keys of TOML files, from the dataclasses that the reader fills; `docs/tables.py` writes them."""
 
 from __future__ import annotations
 
@@ -45,7 +42,6 @@ TABLES: dict[str, tuple[type, Iterable[str]]] = {
     "supply": (Supply, [f.name for f in fields(Supply)]),
     **{part.__name__: (part, [f.name for f in PARTS[part]]) for part in (Controller, Gearbox, Servo)},
 }
-BLOCK = re.compile(r"^```\{keys\} (\w+)\n```$", re.MULTILINE)
 ATTRIBUTE = re.compile(r"^(\w[\w, ]*) : [^\n]*\n((?:    [^\n]*\n?)+)", re.MULTILINE)
 UNIT = re.compile(r"\[([^\]]+)\]")
 ALLOWED = {  # by type, of fields that state no range
@@ -69,16 +65,12 @@ ALLOWED = {  # by type, of fields that state no range
 }
 
 
-def resolved(text: str) -> str:
-    """Put the tables into the text of a page."""
-    return BLOCK.sub(lambda found: table(*TABLES[found[1]]), text)
-
-
 def table(kind: type, names: Iterable[str]) -> str:
     """Return the table of some fields of a dataclass: unit, range and default, and what the class says of them."""
     said = descriptions(kind)
     rows = [_row(f, said[f.name]) for f in fields(kind) if f.name in names]
-    return "\n".join(["| key | unit | allowed | default | |", "| --- | --- | --- | --- | --- |", *rows])
+    head = ["| key | unit | allowed | default | |", "| --- | --- | --- | --- | --- |"]
+    return "".join(f"{row}\n" for row in [*head, *rows])
 
 
 def descriptions(kind: type) -> dict[str, str]:

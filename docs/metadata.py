@@ -13,7 +13,7 @@ from hatchling.metadata.plugin.interface import MetadataHookInterface
 BESIDE = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:)([^)#\s]+)(#[^)\s]*)?\)")  # a link or a picture, and its file
 ASIDE = re.compile(r" \(\[[^\]]*\]\((?!https?:)[^)]*\)\)")  # a link in brackets of its own
 ALONE = re.compile(r"^!\[[^\n]*\n\n|^## Where to go\n.*?(?=^## )", re.MULTILINE | re.DOTALL)
-COMMENT = re.compile(r"^<!-- .*?-->\n", re.MULTILINE | re.DOTALL)  # those of docs/readme.py
+COMMENT = re.compile(r"^<!-- [^>]* -->\n|<!-- [^>]* -->", re.MULTILINE)  # markers of docs/tables.py
 REPOSITORY = re.compile(r"""^repository-code: *["']?(https://[^"'\s]+)""", re.MULTILINE)
 
 

@@ -1,61 +1,64 @@
-"""Tables and numbers of the pages, from the CSV and JSON files of `docs/reproduction/`.
+"""Write the measured tables and numbers of README and pages: `python docs/tables.py`.
 
-A page describes a table in a fenced block, and Sphinx shows the table (`docs/conf.py`); `python docs/readme.py` writes
-those of the README, which are described in comments.  For example:
+With `--check` nothing is written: what differs is printed, and the exit code is 1.  A table stands below a line
+`<!-- table: PAGE.NAME -->`, up to the next empty line; a number stands behind `<!-- number: PAGE.NAME -->`.  Tables of
+`keys` come from `docs/keys.py`, all others from files of `docs/reproduction/`, as `docs/tables.toml` describes them:
 
-    ```{results-table} floors_planned_stride.csv floors_nominal.csv
-    :where: soles=spheres
-    :rows: floor
-    :columns: file
-    floor | {floor}
-    {file} | {mujoco_cost_J_per_m:.1f} J/m ?? falls, {mujoco_end_s:.1f} s
-    ```
+    files      the files; NAME=FILE gives a file another name
+    where      column = value or values: takes the records that have these; `file` is a column too
+    columns    header = template
+    per        columns: makes one row of all records that are equal in these, and not one of each record
+    rows       label = conditions like `where`: makes one row of the records that meet one of them, with a `label`
+    across     columns: repeats each header that has a field, for each of their values
+    transpose  exchanges rows and columns
+    shown      the template of a number
 
-A row is made of one or several records of the files: of one each; with `:rows:`, of those that are equal in these
-columns; or, in lines `= label | condition; condition`, of those that meet the conditions: the label is then `{label}`.
-`:columns:` repeats the columns whose header has a field in braces for each value of these columns.  `:transpose:`
-exchanges rows and columns.  A condition is a file name or `column=value|value`; `+` joins alternatives.
-
-A template is text with fields: `{speed*1000:.0f}` is the first such value of the row's records, times 1000; with
-`min`, `max`, `range` or `count` before the name it is of all records that have one: `{range cost:.1f}`.  Where a field
-has no value the text after `??` is shown.  `{{ file.csv | condition | template }}` is a number within a page's text.
+A template is text with fields: `{speed*1000:.0f}` is the first value in the row, times 1000, `{range cost:.1f}` the
+least and the largest value, `{count cost}` their number.  Where a value is missing, the text after `??` is taken, else
+"-" is.
 """
 
 from __future__ import annotations
 
 import csv
+import difflib
 import functools
-import itertools
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+import sys
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-STORED = Path(__file__).resolve().parent / "reproduction"
-GAIT = "optimized_gait.json"  # stands beside the robot
-FIELD = re.compile(r"\{(?:(min|max|range|count) )?([^{}:*]+)(?:\*([0-9.e-]+))?(?::([^{}]*))?\}")
-BLOCK = re.compile(r"^```\{results-table\} ([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-NUMBER = re.compile(r"\{\{ ([^|{}]+) \| ([^|]*) \| (.+?) \}\}")
-Record = dict[str, Any]
+sys.path.append(str(Path(__file__).parent))
+
+import keys
+
+DOCS = Path(__file__).resolve().parent
+PAGES = [path for path in sorted(DOCS.rglob("*.md")) if DOCS / "notebooks" not in path.parents]  # but copies of these
+PAGES.append(DOCS.parent / "README.md")
+DESCRIBED = tomllib.loads((DOCS / "tables.toml").read_text("utf-8"))
+TABLE = re.compile(r"^(<!-- table: (\S+)\.(\S+) -->\n)(?:\|.*\n)*", re.MULTILINE)
+NUMBER = re.compile(r"(<!-- number: (\S+)\.(\S+) -->)-?\d+(?:\.\d+)?(?:e-?\d+)?")
+FIELD = re.compile(r"\{(?:(count|range) )?([^{}:*]+)(?:\*([0-9.e-]+))?(?::([^{}]*))?\}")
+Record = Mapping[str, Any]
+Condition = Mapping[str, Any]
 
 
 @functools.cache
-def records(file: str) -> tuple[Record, ...]:
+def records(file: str) -> Sequence[Record]:
     """Return the records of a file: the rows of a CSV, or of a gait's report the first gait and the one found."""
-    name, _, file = file.rpartition("=")
-    path = STORED.parents[1] / "robots" / "humanoid" / file if file == GAIT else STORED / file
-    text = path.read_text("utf-8")
-    named = {"file": name or path.stem}
-    if path.suffix == ".csv":
-        lines = [line for line in text.splitlines() if not line.startswith("#")]
-        rows = csv.DictReader(lines)
-        return tuple(named | {name: cell.removeprefix("'") for name, cell in row.items()} for row in rows)
+    name, _, path = file.rpartition("=")
+    text, named = (DOCS / "reproduction" / path).read_text("utf-8"), {"file": name or path}
+    if path.endswith(".csv"):
+        rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+        return [named | {column: cell.removeprefix("'") for column, cell in row.items()} for row in rows]
     report = json.loads(text)
-    return tuple(named | {"gait": name} | _gait(report, key) for name, key in (("first", "before"), ("found", "after")))
+    return [named | {"gait": gait} | _gait(report, key) for gait, key in (("first", "before"), ("found", "after"))]
 
 
-def _gait(report: Record, key: str) -> Record:
+def _gait(report: dict[str, Any], key: str) -> dict[str, Any]:
     """Return what a report says of one gait, under names with dots."""
     limits = {limit["name"]: limit for limit in report["plausible"][key]["limits"]}
     kept = {"kept": sum(limit["kept"] for limit in limits.values()), "limits": len(limits)}
@@ -71,38 +74,35 @@ def _gait(report: Record, key: str) -> Record:
     return found
 
 
-def _flat(values: Record, prefix: str = "") -> Record:
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested values under names with dots."""
-    flat: Record = {}
+    flat: dict[str, Any] = {}
     for name, value in values.items():
-        if isinstance(value, list):
-            value = dict(enumerate(value))
+        value = dict(enumerate(value)) if isinstance(value, list) else value
         flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
     return flat
 
 
-def _selected(files: Sequence[str], conditions: str) -> list[Record]:
-    """Return the records of the files that meet one of the alternatives."""
-    found: list[Record] = []
-    for alternative in conditions.split(" + "):
-        parts = [part.strip() for part in alternative.split(";") if part.strip()]
-        named = [part for part in parts if "=" not in part]
-        equal = [part.split("=", 1) for part in parts if "=" in part]
-        for record in itertools.chain(*(records(file) for file in named or files)):
-            if all(str(record[column]) in values.split("|") for column, values in equal):
-                found.append(record)
-    if not found:
-        raise ValueError(f"no record of {', '.join(files)} meets {conditions!r}")
+def selected(files: Iterable[str], conditions: Iterable[Condition]) -> list[Record]:
+    """Return the records of the files that meet each of the conditions in turn."""
+    every = [record for file in files for record in records(file)]
+    found = []
+    for condition in conditions:
+        allowed = {column: values if isinstance(values, list) else [values] for column, values in condition.items()}
+        met = [record for record in every if all(record.get(column) in allowed[column] for column in allowed)]
+        if not met:
+            raise ValueError(f"no record of {', '.join(files)} has {condition}")
+        found += met
     return found
 
 
 def filled(template: str, row: Sequence[Record]) -> str:
-    """Return the text of a template for the records of a row; raises ValueError where a field has no value."""
+    """Return the text of a template for the records of a row, "-" where a field has no value."""
     for text in template.split(" ?? "):
         fields = FIELD.findall(text)
         if all(any(name in one for one in row) if kind == "count" else _values(name, row) for kind, name, *_ in fields):
             return FIELD.sub(lambda found: _cell(row, *found.groups()), text).strip()
-    raise ValueError(f"{template!r}: a field has no value in any of {len(row)} records")
+    return "-"
 
 
 def _values(name: str, row: Sequence[Record]) -> list[Any]:
@@ -113,11 +113,11 @@ def _cell(row: Sequence[Record], kind: str | None, name: str, scale: str | None,
     values = _values(name, row)
     if kind == "count":
         return str(len(values))
-    if form is None and scale is None:
+    if form is None:
         return str(values[0])
     numbers = [float(scale or 1.0) * float(value) for value in values]
-    chosen = {"min": [min(numbers)], "max": [max(numbers)], "range": [min(numbers), max(numbers)], None: numbers[:1]}
-    return " to ".join(dict.fromkeys(_digits(number, form or "") for number in chosen[kind]))
+    ends = (min(numbers), max(numbers)) if kind == "range" else numbers[:1]
+    return " to ".join(dict.fromkeys(_digits(number, form) for number in ends))
 
 
 def _digits(number: float, form: str) -> str:
@@ -128,74 +128,76 @@ def _digits(number: float, form: str) -> str:
     return text.lstrip("-+").removesuffix("e+0") if float(text) == 0.0 else text
 
 
-def table(files: Sequence[str], description: str) -> str:
+def table(
+    files: Sequence[str],
+    columns: Mapping[str, str],
+    where: Condition | None = None,
+    per: Sequence[str] = (),
+    rows: Mapping[str, Condition | Sequence[Condition]] | None = None,
+    across: Sequence[str] = (),
+    transpose: bool = False,
+) -> str:
     """Return a table in Markdown."""
-    options, columns, labels = _parsed(description)
-    where = options.get("where", "")
-    if labels:
-        rows = [
-            [{"label": label}, *_selected(files, " + ".join(f"{where};{each}" for each in which.split(" + ")))]
-            for label, which in labels
-        ]
-    else:
-        found = _selected(files, where)
-        rows = _grouped(found, options["rows"]) if "rows" in options else [[record] for record in found]
-    known = {*itertools.chain(*itertools.chain(*rows))}
-    for name in (name for _, template in columns for _, name, *_ in FIELD.findall(template)):
-        if name not in known:
-            raise ValueError(f"{', '.join(files)}: there is no column {name!r}")
-    same_in = options.get("columns", "")
-    keys = _grouped(itertools.chain(*rows), same_in) if same_in else []
-    cells = [[_header(line[0], key) for line, key in _lines(columns, keys)]]
-    for row in rows:
-        cells.append([])
-        for (_, template), key in _lines(columns, keys):
-            same = [record for record in row if not key or _key(record, same_in) == _key(key[0], same_in)]
-            cells[-1].append(filled(template, same) if same else "")
-    cells = [*map(list, zip(*cells))] if "transpose" in options else cells
+    found = [] if rows else selected(files, [where or {}])
+    lines = _grouped(found, per) if per else [[record] for record in found]
+    for label, conditions in (rows or {}).items():
+        both = [{**(where or {}), **each} for each in (conditions if isinstance(conditions, list) else [conditions])]
+        lines.append([{"label": label}, *selected(files, both)])
+    known = {name for line in lines for record in line for name in record}
+    if unknown := {field[1] for text in columns.values() for field in FIELD.findall(text)} - known:
+        raise ValueError(f"{', '.join(files)}: there is no column {', '.join(map(repr, unknown))}")
+    keys = _grouped((record for line in lines for record in line), across) if across else []
+    shown = [(head, text, None) for head, text in columns.items() if "{" not in head]
+    for key in keys:
+        shown += [(filled(head, key), text, _key(key[0], across)) for head, text in columns.items() if "{" in head]
+    cells = [[head for head, *_ in shown]]
+    for line in lines:
+        parts = [[record for record in line if key in (None, _key(record, across))] for _, _, key in shown]
+        cells.append([filled(text, part) for (_, text, _), part in zip(shown, parts)])
+    cells = [*map(list, zip(*cells))] if transpose else cells
     cells.insert(1, ["---"] * len(cells[0]))
-    return "\n".join(f"| {' | '.join(row)} |".replace("|  |", "| |") for row in cells)
+    return "".join(f"| {' | '.join(row)} |\n".replace("|  |", "| |") for row in cells)
 
 
-def _parsed(description: str) -> tuple[dict[str, str], list[tuple[str, str]], list[tuple[str, str]]]:
-    """Return the options, the columns as header and template, and the rows as label and condition."""
-    options, columns, labels = {}, [], []
-    for line in filter(None, map(str.strip, description.splitlines())):
-        if option := re.fullmatch(r":(where|rows|columns|transpose):\s*(.*)", line):
-            options[option[1]] = option[2]
-            continue
-        first, bar, second = line.removeprefix("= ").partition("|")
-        if not bar:
-            raise ValueError(f"{line!r}: expected a header and a template, or a label and a condition, between a bar")
-        (labels if line.startswith("= ") else columns).append((first.strip(), second.strip()))
-    return options, columns, labels
-
-
-def _grouped(found: Iterable[Record], columns: str) -> list[list[Record]]:
-    groups: dict[tuple, list[Record]] = {}
+def _grouped(found: Iterable[Record], columns: Sequence[str]) -> list[list[Record]]:
+    """Return the records that have all of these columns, with those that are equal in them together."""
+    groups: dict[tuple[Any, ...], list[Record]] = {}
     for record in found:
         groups.setdefault(_key(record, columns), []).append(record)
     return [group for key, group in groups.items() if None not in key]
 
 
-def _key(record: Record, columns: str) -> tuple:
-    return tuple(record.get(name.strip()) for name in columns.split(","))
+def _key(record: Record, columns: Sequence[str]) -> tuple[Any, ...]:
+    return tuple(record.get(column) for column in columns)
 
 
-def _lines(
-    columns: Sequence[tuple[str, str]], keys: Sequence[list[Record]]
-) -> Iterator[tuple[tuple[str, str], list[Record] | None]]:
-    """Yield each column with the records that it is repeated for."""
-    once = [line for line in columns if not (keys and "{" in line[0])]
-    yield from ((line, None) for line in once)
-    yield from ((line, key) for key in keys for line in columns if line not in once)
+def written(text: str) -> str:
+    """Return the text of a page with the tables and numbers that the stored results have."""
+
+    def shown(found: re.Match[str]) -> str:
+        marker, page, name = found.groups()
+        if page == "keys":
+            return marker + keys.table(*keys.TABLES[name])
+        described = dict(DESCRIBED[page][name])
+        if template := described.pop("shown", None):
+            return marker + filled(template, selected(described["files"], [described.get("where", {})]))
+        return marker + table(**described)
+
+    return NUMBER.sub(shown, TABLE.sub(shown, text))
 
 
-def _header(text: str, key: list[Record] | None) -> str:
-    return filled(text, key) if key else text
+def main(check: bool) -> int:
+    changed = []
+    for page in PAGES:
+        old = page.read_text("utf-8")
+        if (new := written(old)) != old:
+            name = str(page.relative_to(DOCS.parent))
+            changed += difflib.unified_diff(old.splitlines(), new.splitlines(), name, "stored results", "", "", 0, "")
+            if not check:
+                page.write_text(new, "utf-8")
+    print(*changed, sep="\n")
+    return int(check and bool(changed))
 
 
-def resolved(page: str) -> str:
-    """Return the text of a page with its tables and numbers."""
-    page = BLOCK.sub(lambda found: table(found[1].split(), found[2]), page)
-    return NUMBER.sub(lambda found: filled(found[3], _selected(found[1].split(), found[2])), page)
+if __name__ == "__main__":
+    raise SystemExit(main("--check" in sys.argv[1:]))

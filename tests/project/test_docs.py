@@ -25,8 +25,8 @@ PAGES = [page for page in sorted(DOCS.rglob("*.md")) if DOCS / "notebooks" not i
 TEXTS = {page: page.read_text("utf-8") for page in [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]}
 ARCHITECTURE = TEXTS[DOCS / "architecture.md"]
 CODE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-sys.path.append(str(DOCS))  # keys, measure, readme, tables, timings
-keys = importlib.import_module("keys")
+sys.path.append(str(DOCS))  # keys, tables, timings
+tables = importlib.import_module("tables")
 
 
 PROGRAMS = [  # those that define kernels are also run without compilation
@@ -58,15 +58,11 @@ def anchors(page):
 
 
 @pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_and_results_are_found(page):
+def test_links_are_found(page):
     links = [link.partition("#") for link in re.findall(r"\]\(([^)\s]+)\)", TEXTS[page]) if "://" not in link]
     targets = [((page.parent / path).resolve() if path else page, anchor) for path, _, anchor in links]
     assert [path for path, _ in targets if not path.exists()] == []
     assert [(path.name, anchor) for path, anchor in targets if anchor and anchor not in anchors(path)] == []
-    if page in PAGES:
-        text = importlib.import_module("tables").resolved(TEXTS[page])
-        assert "{{" not in text
-        assert "{results-table}" not in text or page.name == "README.md"
 
 
 @pytest.mark.parametrize("part", ["", "walking", "search", "study", "run.sensors", "identification", "envs", "optimize",
@@ -101,8 +97,7 @@ def test_the_architecture_names_paths_and_functions_that_exist_and_quotes_the_so
 
 
 def test_every_key_of_toml_is_listed_with_what_it_is():
-    page = keys.resolved(TEXTS[DOCS / "toml_keys.md"])
-    assert "{keys}" not in page
+    page = TEXTS[DOCS / "toml_keys.md"]
     named = {name.partition(".NAME")[0] for name in re.findall(r"`\[?([\w.]+)", page)}
     stated = (f.name for f in (*fields(ContactPoint), *fields(Supply)))
     assert named >= {*SECTIONS, *sum(OWN.values(), ()), *SERVO_KEYS, *stated}
@@ -118,12 +113,16 @@ def test_every_command_and_channel_is_listed():
     assert re.findall(r"^\| `.*", ARCHITECTURE.partition("## Channels")[2].partition("##")[0], re.MULTILINE) == rows
 
 
-def test_the_readme_shows_the_stored_results(capsys):
-    readme = importlib.import_module("readme")
-    assert readme.main(check=True) == 0, capsys.readouterr().out
-    text = TEXTS[readme.README]
-    assert readme.written(text.replace("87.8 J/m", "78.8 J/m")) == text
-    assert text.count("<!-- results-table") == len(readme.MARKED.findall(text)) > 0
+def test_pages_show_the_stored_results(capsys):
+    """Each table and number that is described is on one page; one that differs is found and written anew."""
+    assert tables.main(check=True) == 0, capsys.readouterr().out
+    texts, described = "\n".join(TEXTS.values()), tables.DESCRIBED | {"keys": tables.keys.TABLES}
+    found = sorted((page, name) for _, page, name in tables.TABLE.findall(texts) + tables.NUMBER.findall(texts))
+    assert found == sorted((page, name) for page, names in described.items() for name in names)
+    for page, old, new in ("README.md", "87.8 J/m", "78.8 J/m"), ("docs/coordinates.md", "-->-0.1", "-->12.3e-4"):
+        text = TEXTS[ROOT / page]
+        assert text != text.replace(old, new)
+        assert tables.written(text.replace(old, new)) == text
 
 
 def test_the_gallery_shows_ten_moving_pictures_of_its_programs():

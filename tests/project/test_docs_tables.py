@@ -1,4 +1,4 @@
-"""The programs of `docs/` that fill in its tables, and measure what no command of the package writes."""
+"""The programs of `docs/` that write its tables, and measure what no command of the package writes."""
 
 import importlib
 import json
@@ -16,14 +16,20 @@ def test_tables_group_label_transpose_and_scale(monkeypatch):
     first = {"robot": "arm", "gait": "first", "cost": "1.25", "fell": ""}
     records = [first, first | {"gait": "last", "cost": "", "fell": "3"}, first | {"robot": "leg", "cost": "-0.01"}]
     monkeypatch.setattr(tables, "records", {"a.csv": records, "b.csv": [{"x": "1e-05"}]}.get)
-    wide = ":rows: robot\n:columns: gait\n | {robot}\n{gait} | {cost*10:.1f} ?? -\nwalk | {count cost} of {count gait}"
-    grouped = ["| | walk | first | last |", "| arm | 1 of 2 | 12.5 | - |", "| leg | 1 of 1 | -0.1 | |"]
-    assert [line for line in tables.table(["a.csv"], wide).splitlines() if "---" not in line] == grouped
-    text = ":transpose:\n | {label}\nleast | {min cost:.2f}\nx | {x:.0e} ?? none\n= all | a.csv; robot=arm + b.csv\n"
-    assert tables.table(["a.csv"], text).splitlines()[2:] == ["| least | 1.25 |", "| x | 1e-5 |"]
-    for refused, named in ("c | {price}", "price"), ("c | {cost}", "cost"), ("= all | robot=hand", "hand"), ("c", "c"):
-        with pytest.raises(ValueError, match=named):
-            tables.table(["a.csv"], refused)
+    columns = {"": "{robot}", "walk": "{count cost} of {count gait}", "{gait}": "{cost*10:.1f} ?? falls, {fell} s"}
+    grouped = tables.table(["a.csv"], columns, per=["robot"], across=["gait"])
+    rule = "| --- | --- | --- | --- |"
+    rows = ["| arm | 1 of 2 | 12.5 | falls, 3 s |", "| leg | 1 of 1 | -0.1 | - |"]
+    assert grouped.splitlines() == ["| | walk | first | last |", rule, *rows]
+    columns = {"": "{label}", "costs": "{range cost:.2f}", "x": "{x:.0e}"}
+    both = {"arms": {"robot": ["arm", "hand"]}, "all": [{"robot": "arm"}, {"x": "1e-05"}]}
+    shown = tables.table(["a.csv", "b.csv"], columns, rows=both, transpose=True)
+    assert shown.splitlines()[2:] == ["| costs | 1.25 | 1.25 |", "| x | - | 1e-5 |"]
+    assert tables.filled("{range cost:.2f}", records) == "-0.01 to 1.25"
+    with pytest.raises(ValueError, match="price"):
+        tables.table(["a.csv"], {"c": "{price}"})
+    with pytest.raises(ValueError, match="hand"):
+        tables.table(["a.csv"], columns, where={"robot": "hand"})
 
 
 def test_reports_are_kept_without_the_machine_and_the_candidates(tmp_path):

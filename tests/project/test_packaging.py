@@ -79,10 +79,10 @@ def test_an_index_gets_links_into_the_repository_if_one_is_stated():
     assert (address, metadata.repository("title: x\n")) == ("https://host/us/it", "")
     assert [*metadata.addresses("")] == ["Paper"]
     assert all(url.startswith(address) for name, url in metadata.addresses(address).items() if name != "Paper")
-    text = "![A walk](docs/walk.gif) [a](docs/a.md#b), [c](https://c.org/d) and [e](LICENSE)\n<!-- f\n-->\ng"
+    text = "![A walk](docs/walk.gif) [a](docs/a.md#b), [c](https://c.org/d) and [e](LICENSE)\n<!-- f -->\n<!-- g -->2"
     assert metadata.for_index(text, address, "v1") == (
         "![A walk](https://host/us/it/raw/v1/docs/walk.gif) [a](https://host/us/it/blob/v1/docs/a.md#b), "
-        "[c](https://c.org/d) and [e](https://host/us/it/blob/v1/LICENSE)\ng"
+        "[c](https://c.org/d) and [e](https://host/us/it/blob/v1/LICENSE)\n2"
     )
     text = "![A](a.gif)\n\n[a](docs/a.md#b) ([how](h.md)), [c](https://c.org).\n\n## Where to go\n\n[e](f)\n\n## End\n"
     assert metadata.for_index(text, "", "v1") == "a, [c](https://c.org).\n\n## End\n"
