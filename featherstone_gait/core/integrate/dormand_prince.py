@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import inline, kernel
+from ..compile.jit import apart, inline
 from ..compile.lanes import sqrt
 from ..compile.optional import if_present
 from ..compile.structure import structure
@@ -59,7 +59,7 @@ class DormandPrince(NamedTuple):
     pace: np.ndarray  # (SIZE,)
 
 
-@kernel
+@apart
 def _evaluate(first, last, run, y, t, h):
     """Evaluate the slopes of stages first ... last of a step h from t, and what is derived at the last, in y.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import entry, inline, kernel
+from ..compile.jit import apart, entry, inline, kernel
 from ..compile.lanes import any_lane, select
 from ..compile.optional import if_present, item, slice_if
 from ..compile.structure import structure
@@ -264,7 +264,7 @@ def _unbend(which, span, loops, scene, offsets, scratch, h, y):
     _speed_up(which, span, loops, scene, offsets, scratch, 0.0 * y[offsets.status] == 0.0, y)
 
 
-@kernel
+@apart
 def _project(which, span, loops, scene, offsets, scratch, y):
     """Move positions and velocities; count a step whose loops stay open as one that has not converged.
 
