@@ -28,7 +28,6 @@ import numpy as np
 from ..base import arguments
 from ..base.arguments import instance, real, shown, texts, whole
 from ..base.files import FilePath
-from ..core.compile.progress import PATIENCE, current
 from ..model.placed import link_name
 from ..run.driven import DriveAction, Driven, names_of
 from ..run.measure import What
@@ -126,9 +125,8 @@ def drive(
     path = Path(f"{name}_drive") if path is None else arguments.path("path", path)
     _check_place(path)
     table = _keys(names_of(scene), keys, command)
-    with _announce_compiling():
-        driven = Driven(scene, action, controller, record, state, pushable=limit > 0.0, pace=True)
-        driven.warm_up()
+    driven = Driven(scene, action, controller, record, state, pushable=limit > 0.0, pace=True)
+    driven.warm_up()
     chosen = command or _adding(driven, table)
     with driven.session:
         page = _Page(driven, [*table], limit)
@@ -162,26 +160,6 @@ def _check_place(path: Path) -> None:
     except OSError as error:
         why = f"path is {path}: its folder cannot be written ({error.strerror}); give another path"
         raise type(error)(why) from error
-
-
-@contextmanager
-def _announce_compiling() -> Iterator[None]:
-    """Say once if something is compiled, which takes longer than anybody expects a page to."""
-    done = threading.Event()
-
-    def tell() -> None:
-        while not done.wait(PATIENCE):
-            if current:
-                print("compiling   ... (once, then kept)", flush=True)
-                return
-
-    thread = threading.Thread(target=tell, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
 
 
 def _adding(driven: Driven, table: Mapping[str, np.ndarray]) -> Command:

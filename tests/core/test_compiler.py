@@ -142,20 +142,37 @@ def test_garbage_is_collected_again_after_compiling(collects):
         (gc.enable if was else gc.disable)()
 
 
-def test_a_terminal_is_told_what_is_compiled(monkeypatch, capsys, tmp_path):
+@pytest.mark.parametrize("terminal", [False, True])
+def test_what_takes_more_than_a_second_is_said_once(terminal, monkeypatch, capsys, tmp_path):
+    """Before it is compiled, with an estimate; on a terminal the line counts functions."""
     monkeypatch.setattr(jit, "CACHE_FOLDER", str(tmp_path))  # an empty one: a kernel that is kept is compiled no more
+    monkeypatch.setattr(progress, "PATIENCE", -1.0)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
 
     @entry
     def tell(x):
         return 3.0 * x
 
-    monkeypatch.setattr(progress, "PATIENCE", -1.0)
+    monkeypatch.setattr(jit, "estimate", lambda kinds: 7.0)
+    assert tell(1.0) == 3.0
+    said = "compiling tell (about 7 s, once, then kept)"
+    assert capsys.readouterr().err == (f"\r{said + ': 1 functions, 0 s':79}\n" if terminal else f"{said}\n")
+    assert tell(2.0) == 6.0
+    assert capsys.readouterr().err == ""
+
+
+def test_short_work_and_quiet_commands_say_nothing(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(jit, "CACHE_FOLDER", str(tmp_path))
+
+    @entry
+    def tell(x):
+        return 3.0 * x
+
+    assert tell(1.0) == 3.0
+    monkeypatch.setattr(jit, "estimate", lambda kinds: 7.0)
+    monkeypatch.setattr("sys.stderr.plain", True, raising=False)  # as `--quiet` sets it
     assert tell(1) == 3.0
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    assert tell(1.0) == 3.0
-    said = capsys.readouterr().err
-    assert said == "\r" + "compiling tell (once, then kept): 1 functions, 0 s".ljust(79) + "\n"
 
 
 @kernel

@@ -14,9 +14,8 @@ from browser import Tab
 from pages import data_of
 
 from featherstone_gait import Box, Trajectory, body, cli, compile_scene, drive, load_robot, replay
-from featherstone_gait.core.compile.progress import PATIENCE, compiling
 from featherstone_gait.run.driven import Driven
-from featherstone_gait.view.drive import PARTS, RATE, SILENCE, _adding, _announce_compiling, _keys, _Page
+from featherstone_gait.view.drive import PARTS, RATE, SILENCE, _adding, _keys, _Page
 
 MASS, LIMIT = 2.0, 5.0  # [kg, N]
 STILL = {"keys": [], "grab": None}
@@ -158,15 +157,6 @@ def test_wrong_keys_and_places_are_refused_before_anything_is_compiled(tmp_path,
     with pytest.raises(PermissionError, match=r"cannot be written.*Permission denied.*; give another"):
         drive(scene, path=tmp_path / "run", duration=0.01)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_compiling_is_said_once_and_loading_is_not(capsys):
-    with _announce_compiling():
-        time.sleep(2.0 * PATIENCE)
-    assert capsys.readouterr().out == ""
-    with _announce_compiling(), compiling("step", True):
-        time.sleep(4.0 * PATIENCE)
-    assert capsys.readouterr().out == "compiling   ... (once, then kept)\n"
 
 
 def test_a_page_that_is_driven_has_no_parts_of_a_run(block):

@@ -130,8 +130,6 @@ class _BeforeLowering(FunctionPass):
 
     def run_pass(self, state):
         """Change what the state of the compilation holds."""
-        if current:
-            current[-1].one_more()
         context = state.targetctx
         context.enable_nrt = False
         context.get_abi_sizeof = functools.partial(size_of, context.target_data)

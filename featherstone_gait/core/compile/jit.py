@@ -43,7 +43,7 @@ from llvmlite.binding import get_host_cpu_features
 from numba.extending import register_jitable
 
 from .lock import lock
-from .progress import compiling, current
+from .progress import compiling, current, estimate
 from .sealed import SealedFiles
 from .store import RECORD, Stored, Stores
 
@@ -52,6 +52,7 @@ CompilationError = numba.core.errors.NumbaError
 carray = numba.carray  # an array of a pointer, in what `outside` compiles
 KEPT, RECENT = 3, 86400.0  # folders of other sources: the last so many stay, and all used within so many seconds
 PATIENCE, OFTEN = 300.0, 0.05  # [s] for another process that compiles, and between two looks
+OUTSIDE = 1.5  # [s] that a user's function takes about
 _log = logging.getLogger(__name__)
 
 
@@ -154,7 +155,11 @@ ENTRY = {"nogil": True, "no_cfunc_wrapper": True, **_OPTIONS}
 
 
 def kernel(function):
-    """Compile `function` where an entry needs it."""
+    """Compile `function` where an entry needs it.
+
+    First compiled under an `inline` function it is merged into its caller too, each time that it is called, since Numba
+    hands that option down.  A large one that is called in several places is better `apart`.
+    """
     return _inner(function, INNER)
 
 
@@ -170,7 +175,7 @@ def apart(function):
     """Compile `function` as `kernel` does, but keep it out of its caller.
 
     Numba merges whatever a merged function calls, so that a step becomes one function, for which LLVM takes longer than
-    for its parts.
+    for its parts: more than in proportion, beyond some 30 000 instructions (`largest_function` of a test counts them).
     """
     function.apart = True
     return _inner(function, INNER)
@@ -246,13 +251,15 @@ def outside(function, wrapped):
     if identity and (recorder is None or recorder.has(identity)) and (address := STORES.address(identity)):
         return function, address
     options = {"boundscheck": True, "error_model": "python"}
+    kept = True
     try:
         inner = numba.njit(function, cache=True, **options)
     except RuntimeError:  # no file of its own
-        inner = numba.njit(function, **options)
+        inner, kept = numba.njit(function, **options), False
     numbers, places = numba.types.CPointer(numba.types.float64), numba.types.CPointer(numba.types.int64)
     kind = numba.types.void(numba.types.float64, numbers, places, numbers, numbers, numbers, numbers)
-    made = numba.cfunc(kind)(wrapped(inner))
+    with compiling(function.__name__, kept, OUTSIDE):
+        made = numba.cfunc(kind)(wrapped(inner))
     if recorder is not None and identity:
         recorder.add_outside(made, identity)
     return (made, inner), made.address
@@ -295,7 +302,7 @@ def _compile(dispatcher, compile_, kept, arguments):
         if kept and not current:
             kind = hashlib.sha256(repr((dispatcher.py_func.__module__, dispatcher.__name__, arguments)).encode())
             stack.enter_context(_alone(os.path.join(CACHE_FOLDER, "compiling", kind.hexdigest()[:32])))
-        stack.enter_context(compiling(dispatcher.__name__, kept))
+        stack.enter_context(compiling(dispatcher.__name__, kept, estimate(arguments)))
         if _PRIVATE:
             stack.enter_context(_PRIVATE.operators_kept(dispatcher))
         made = compile_(arguments)
