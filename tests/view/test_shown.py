@@ -11,7 +11,6 @@ from featherstone_gait import Ground, Trajectory, channel_table, compile_scene, 
 from featherstone_gait.core.effects import energies
 from featherstone_gait.core.step.state import CHANNELS, RECORDABLE
 from featherstone_gait.model import Mimic
-from featherstone_gait.scene.channels import OLD_LABELS
 from featherstone_gait.view.page import write_animation
 from featherstone_gait.view.plotting import plot_motion
 
@@ -72,7 +71,7 @@ def test_numbers_of_a_channel_have_names():
     run = Trajectory({"time": np.arange(3.0), "energy": values}, "ok", "", 2.0, np.zeros(0))
     assert ways
     for name, column in ways.items():
-        assert np.array_equal(run.column("energy", OLD_LABELS.get(name, name)), values[..., column])
+        assert np.array_equal(run.column("energy", name), values[..., column])
     for name, label, says in (
         ("energy", "loss", "channel 'energy' has no unique label 'loss'; its labels: supply, electrical"),
         ("base_q", "x", "channel 'base_q' has no unique label 'x'"),  # of the position, or of the quaternion

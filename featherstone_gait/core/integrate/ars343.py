@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import inline, kernel
+from ..compile.jit import apart, inline
 from ..compile.lanes import sqrt
 from ..compile.optional import any_present
 from ..compile.structure import structure
@@ -138,7 +138,7 @@ def _longest(second_run, pace):
     return interval
 
 
-@kernel
+@apart
 def _stages(run, y, t, h):
     """Solve all stages of the step h from t: fill their slopes, and y with the state after the last."""
     scene, u, work, offsets = run.scene, run.signals, run.work, run.offsets[0]

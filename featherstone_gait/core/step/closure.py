@@ -197,7 +197,7 @@ def _fill(span, loops, scene, offsets, scratch, y):
     fill_loops(loops.table, span, held_in(loops, offsets, y), scene.gravity, bases, W, work.rows)
 
 
-@kernel
+@apart
 def _factor(which, span, loops, scene, offsets, scratch, y):
     """Fill the factors of trees whose bodies stand in W."""
     n, (W, work) = joint_count(scene.trees, scene.tree), scratch
@@ -300,7 +300,7 @@ def _project(which, span, loops, scene, offsets, scratch, y):
     y[at] = select(missed, y[at] + 1.0, y[at])
 
 
-@kernel
+@apart
 def _fill_at(which, span, loops, scene, offsets, scratch, y):
     """Fill gaps and speeds of a span of loops at the state y, with poses and velocities of the bodies."""
     n, ball_q = joint_count(scene.trees, scene.tree), ball_positions(scene.balls, y, offsets.ball_q)
