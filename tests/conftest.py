@@ -14,12 +14,15 @@ from pathlib import Path
 import pytest
 
 import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo"
+from featherstone_gait.core.compile.jit import JIT
 
 TESTS = Path(__file__).parent
 DEADLINE = "FEATHERSTONE_GAIT_TESTS_UNTIL"
 ROOMS = [str(path) for path in sorted(TESTS.iterdir()) if path.is_dir() and path.name[0] not in "._"]
 sys.path.extend(ROOMS)  # what tests share is in support/; processes that they start find it too
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(TESTS.parent), *ROOMS, os.environ.get("PYTHONPATH")]))
+
+import kinds  # noqa: E402, from support/
 
 APART = ("test_notebooks.py", "test_docs.py", "test_docs_tables.py", "test_published_robots.py")
 UNLIKE = (  # whose cases are no variations of one thing: pages, notebooks, files, programs
@@ -44,9 +47,20 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
-    """Set the time for all workers, which are processes that start later."""
+    """Guard what is compiled, and set the time for all workers, which are processes that start later."""
+    kinds.guard(pytest.MonkeyPatch())
     if config.getoption("minutes") is not None:
         os.environ.setdefault(DEADLINE, str(time.time() + 60.0 * config.getoption("minutes")))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    """Tell the guard of kinds which test runs, if it is a quick one."""
+    kinds.running[:] = [] if item.get_closest_marker("long") or not JIT else [item.nodeid]
+    try:
+        return (yield)
+    finally:
+        kinds.running.clear()
 
 
 def pytest_runtest_setup(item):
