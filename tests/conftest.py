@@ -7,9 +7,9 @@ compiles the others wait for and then read from the cache; one worker more than 
 
 import os
 import sys
-import time
 from fnmatch import fnmatchcase
 from pathlib import Path
+from zlib import crc32
 
 import pytest
 
@@ -17,7 +17,6 @@ import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo
 from featherstone_gait.core.compile.jit import JIT
 
 TESTS = Path(__file__).parent
-DEADLINE = "FEATHERSTONE_GAIT_TESTS_UNTIL"
 ROOMS = [str(path) for path in sorted(TESTS.iterdir()) if path.is_dir() and path.name[0] not in "._"]
 sys.path.extend(ROOMS)  # what tests share is in support/; processes that they start find it too
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(TESTS.parent), *ROOMS, os.environ.get("PYTHONPATH")]))
@@ -25,10 +24,6 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(TESTS.parent), *ROO
 import kinds  # noqa: E402, from support/
 
 APART = ("test_notebooks.py", "test_docs.py", "test_docs_tables.py", "test_published_robots.py")
-UNLIKE = (  # whose cases are no variations of one thing: pages, notebooks, files, programs
-    "test_docs*.py", "test_notebooks.py", "test_examples.py", "test_fuzz_*.py", "test_published_*.py",
-    "test_benchmark_first.py",
-)  # fmt: skip
 LONGEST = """
     notebooks gear_friction beyond_the_paper integrators simulation crash optimize worlds study springs
     crosscheck firmware error_estimate ars343 cache maximal cli linearization physics_servo walking coupling
@@ -42,15 +37,13 @@ def _file(nodeid):
 
 
 def pytest_addoption(parser):
-    parser.addoption("--minutes", type=float, help="begin no test after so many minutes; those left out are skipped")
+    parser.addoption("--share", help="K/N: run the tests of one of N shares alone, of which K counts from 0")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
-    """Guard what is compiled, and set the time for all workers, which are processes that start later."""
+    """Guard what is compiled."""
     kinds.guard(pytest.MonkeyPatch())
-    if config.getoption("minutes") is not None:
-        os.environ.setdefault(DEADLINE, str(time.time() + 60.0 * config.getoption("minutes")))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -63,26 +56,19 @@ def pytest_runtest_protocol(item):
         kinds.running.clear()
 
 
-def pytest_runtest_setup(item):
-    if time.time() > float(os.environ.get(DEADLINE, "inf")):
-        pytest.skip("the time given by --minutes is over; `pytest -m long` without it runs this test")
-
-
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """Longest first; what `quick` leaves out is long, and of a long test all cases but the first are for releases."""
+def pytest_collection_modifyitems(config, items):
+    """Longest first; what `quick` leaves out is long; a share has the tests whose names say so."""
     place = {f"test_{name}.py": k for k, name in enumerate(LONGEST)}
     for item in items:
         quick = item.get_closest_marker("quick")
         if quick and not any(fnmatchcase(item.callspec.id, case) for case in quick.args):
             item.add_marker("long")
-    begun = set()
-    for item in items:
-        test, _, case = item.nodeid.partition("[")
-        if case and item.get_closest_marker("long") and not any(fnmatchcase(_file(test), name) for name in UNLIKE):
-            if test in begun:
-                item.add_marker("release")
-            begun.add(test)
+    if share := config.getoption("share"):
+        k, n = map(int, share.split("/"))
+        mine = [crc32(item.nodeid.encode()) % n == k for item in items]
+        config.hook.pytest_deselected(items=[item for item, one in zip(items, mine) if not one])
+        items[:] = [item for item, one in zip(items, mine) if one]
     items.sort(key=lambda item: place.get(_file(item.nodeid), len(LONGEST)))
 
 
