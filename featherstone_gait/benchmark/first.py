@@ -66,7 +66,7 @@ simulate(compile_scene([Placed(robot), {}], gearbox="mipsd", ground=Ground()), 0
 """
 TOUCHING = """
 from featherstone_gait import Box, Placed, body
-boxes = [Placed(body(Box((0.1, 0.1, 0.1)), 1.0), name, (0.0, 0.0, z)) for name, z in (("one", 0.05), ("two", 0.15))]
+boxes = [Placed(body(Box((0.1, 0.1, 0.1)), 1.0), f"{{z:g}}", (0.0, 0.0, z)) for z in {}]
 simulate(compile_scene(boxes, ground=Ground(), pairs={!r}), 0.1)
 """
 BALL_JOINT = """
@@ -78,6 +78,23 @@ LOOP = """
 from featherstone_gait.benchmark.linkages import bricard
 case = bricard()
 simulate(case.scene, 0.1, case.state)
+"""
+CLOSED = """
+from featherstone_gait import initial_state
+from featherstone_gait.benchmark.linkages import closed, delta_robot, four_bar, parallel_ankle
+"""
+ANKLE = CLOSED + """
+scene = compile_scene(parallel_ankle())
+simulate(scene, 0.1, initial_state(scene, closed(scene.model)))
+"""
+DRIVEN = CLOSED + """
+scene = compile_scene(four_bar(), gearbox="mipsd")
+simulate(scene, 0.1, initial_state(scene, closed(scene.model, crank=1.0, coupler=-1.0, rocker=-1.5)))
+"""
+DELTA = CLOSED + """
+model = delta_robot()
+scene = compile_scene(model, pairs="all"{})
+simulate(scene, 0.1, initial_state(scene, {{model.name: closed(model)}}))
 """
 LINKS = 'scene = compile_scene(load_robot("humanoid"), gearbox="mipsd", ground=Ground(), pairs="all")\n'
 MAXIMAL = "from featherstone_gait.reproduction import maximal\n"
@@ -96,6 +113,10 @@ KINDS = {  # first results
     "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
     "pendulum on a ball joint": BALL_JOINT,
     "Bricard's closed loop": LOOP,
+    "ankle on two rods": ANKLE,
+    "four-bar with a servo": DRIVEN,
+    "delta robot whose plates may touch": DELTA.format(""),
+    "the same, dop853": DELTA.format(', integrator="dop853"'),
     "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), gearbox="rotor"), 0.1)',
     "the same with firmware and supply": FED + 'simulate(compile_scene(fed, gearbox="rotor"), 0.1)',
     "humanoid on the ground": BY_DEFAULT + "simulate(scene, 0.1)",
@@ -108,8 +129,9 @@ KINDS = {  # first results
     "a controller of the package": MIDPOINT + CONTROLLER,
     "a walk with feedback": FEEDBACK,
     "matrices of a tick": MIDPOINT + "from featherstone_gait import linearize\nlinearize(scene)",
-    "two boxes": TOUCHING.format("none"),
-    "two boxes that touch": TOUCHING.format("all"),
+    "two boxes": TOUCHING.format((0.05, 0.15), "none"),
+    "two boxes that touch": TOUCHING.format((0.05, 0.15), "all"),
+    "five boxes that touch": TOUCHING.format((0.05, 0.15, 0.25, 0.35, 0.45), "all"),
     "humanoid whose links touch": LINKS + "simulate(scene, 0.1)",
     "constraints and sweeps": SIMTWO + "maximal.simulate(scene, 0.1)",
 }

@@ -1,4 +1,4 @@
-"""Closed loops of benchmarks: the IFToMM problems A02, A03 and A04.
+"""Closed loops of benchmarks: the IFToMM problems A02, A03 and A04, a delta robot, a parallel ankle, a four-bar.
 
 A02, the parallelograms, has a closed form and is singular twice a turn.  A03, Andrews' squeezing mechanism, moves
 within milliseconds; its angles after 30 ms are published (F. Mazzia and C. Magherini, Test Set for IVP Solvers, release
@@ -14,7 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from ..dynamics.inverse_kinematics import close_loops
 from ..model import Joint, Link, Loop, Model, Spring
+from ..model.numpy_dynamics import zero_position
+from ..model.shapes import Box, Shape
+from ..robot_file.servos import load_servo
 from ..scene.compile import compile_scene
 from .case import Case, case_of, settings
 
@@ -122,3 +126,64 @@ def bricard() -> Case:
     return case_of("IFToMM A04, Bricard's mechanism", "precision", scene, 10.0, np.zeros(5), None, record_interval=0.1,
                    settings=SLOW,
                    best=("extrapolation", 1e-12), check=("dop853", 1e-12))  # fmt: skip
+
+
+def delta_robot() -> Model:
+    """Make a delta robot that hangs: three motors, six rods of 0.35 m with ball joints at both ends, a plate."""
+    out, reach, rod, apart, inner = 0.12, 0.15, 0.35, 0.03, 0.05  # [m]
+    links, joints, held = [Link("base")], [], {}
+    for k in range(3):
+        c, s = math.cos(2.0 * math.pi * k / 3.0), math.sin(2.0 * math.pi * k / 3.0)
+        links.append(Link(f"arm{k}", 0.1, (0.5 * reach * c, 0.5 * reach * s, 0.0), (2e-4, 0.0, 0.0, 2e-4, 0.0, 2e-4)))
+        joints.append(Joint(f"motor{k}", "continuous", "base", f"arm{k}", (out * c, out * s, 0.0), axis=(-s, c, 0.0)))
+        for side, w in (("left", -apart), ("right", apart)):
+            name = f"{side}{k}"
+            links.append(Link(name, 0.02, (0.0, 0.0, -0.5 * rod), (2e-4, 0.0, 0.0, 2e-4, 0.0, 1e-6)))
+            joints.append(Joint(name, "ball", f"arm{k}", name, (reach * c - s * w, reach * s + c * w, 0.0)))
+            held[name] = np.array([inner * c - s * w, inner * s + c * w, 0.0])
+    first, end = held.pop("left0"), (0.0, 0.0, -rod)
+    links.append(Link("plate", 0.1, tuple(-first), (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)))
+    joints.append(Joint("plate", "ball", "left0", "plate", end))
+    loops = [Loop(name, "connect", name, "plate", end, tuple(at - first)) for name, at in held.items()]
+    plates = Shape("base", Box((0.3, 0.3, 0.02)), (0.0, 0.0, 0.1)), Shape("plate", Box((0.1, 0.1, 0.02)), tuple(-first))
+    return Model("delta robot", tuple(links), tuple(joints), shapes=plates, loops=tuple(loops))
+
+
+def parallel_ankle() -> Model:
+    """Make a foot that two cranks turn about two axes by rods with ball joints at both ends."""
+    down, back = 0.3, -0.04  # [m] of the ankle below the knee, and of rods behind it
+    links = [Link("shank"), Link("cross", 0.02, inertia=(1e-5, 0.0, 0.0, 1e-5, 0.0, 1e-5))]
+    links.append(Link("foot", 0.5, (0.03, 0.0, -0.04), (1e-3, 0.0, 0.0, 2e-3, 0.0, 2e-3)))
+    joints = [Joint("pitch", "continuous", "shank", "cross", (0.0, 0.0, -down), axis=(0.0, 1.0, 0.0))]
+    joints.append(Joint("roll", "continuous", "cross", "foot", axis=(1.0, 0.0, 0.0)))
+    loops = []
+    for side, y, z in (("left", 0.04, -0.1), ("right", -0.04, -0.15)):
+        crank, rod, length = f"{side}_crank", f"{side}_rod", down + z + 0.02
+        links.append(Link(crank, 0.05, (-0.02, 0.0, 0.0), (1e-5, 0.0, 0.0, 3e-5, 0.0, 3e-5)))
+        links.append(Link(rod, 0.05, (0.0, 0.0, -0.5 * length), (2e-4, 0.0, 0.0, 2e-4, 0.0, 1e-6)))
+        joints.append(Joint(crank, "continuous", "shank", crank, (0.0, y, z), axis=(0.0, 1.0, 0.0)))
+        joints.append(Joint(rod, "ball", crank, rod, (back, 0.0, 0.0)))
+        loops.append(Loop(side, "connect", rod, "foot", (0.0, 0.0, -length), (back, y, -0.02)))
+    return Model("ankle", tuple(links), tuple(joints), loops=tuple(loops))
+
+
+def four_bar() -> Model:
+    """Make a crank of 0.1 m that a servo turns, a coupler of 0.25 m and a rocker of 0.2 m on a frame of 0.25 m."""
+    bars = {"crank": 0.1, "coupler": 0.25, "rocker": 0.2}
+    inertia, hinges = (1e-6, 0.0, 0.0, 2e-3, 0.0, 2e-3), (("crank", "frame", 0.0), ("coupler", "crank", bars["crank"]))
+    links = [Link(name, 0.2, (0.5 * length, 0.0, 0.0), inertia) for name, length in bars.items()]
+    joints = [
+        Joint(name, "continuous", parent, name, (x, 0.0, 0.0), axis=(0.0, 1.0, 0.0))
+        for name, parent, x in (*hinges, ("rocker", "frame", bars["coupler"]))
+    ]
+    pin = Loop("pin", "connect", "coupler", "rocker", (bars["coupler"], 0.0, 0.0), (bars["rocker"], 0.0, 0.0))
+    servos = {"crank": load_servo("ax12")}
+    return Model("four-bar", (Link("frame"), *links), tuple(joints), loops=(pin,), servos=servos)
+
+
+def closed(model: Model, **angles: float) -> np.ndarray:
+    """Return positions (nq,) near these angles of joints [rad], else zero, in which the loops of a model are closed."""
+    q = zero_position(model)
+    for name, angle in angles.items():
+        q[model.position_slices[model.joint_names.index(name)].start] = angle
+    return close_loops(model, q)

@@ -11,13 +11,12 @@ PATIENCE = 0.5  # [s] before a terminal's line moves
 OFTEN = 0.2  # [s] between two updates of the line
 NOTEBOOK = "ipykernel"  # whose streams are no terminals and show a line that is written anew
 WORTH_SAYING = 1.0  # [s] that compiling takes at least where it is announced
-# What an entry takes on an idle core of 2026, by the arrays and numbers that it reads beyond the first [s]: of 60 entries
-# three in four take between half and twice as long.
+# What an entry takes on an idle core of 2026, by the arrays and numbers that it reads beyond the first [s].
 EACH, FIRST = 0.2, 12
 
 
 class Progress(Listener):
-    """Progress of compiling one entry and what it calls: a line, which on a terminal counts functions, in 80 columns."""
+    """Progress of compiling one entry and what it calls: a line, which on a terminal counts functions."""
 
     def __init__(self, name, kept, seconds):
         self.seconds = seconds
