@@ -29,7 +29,8 @@ class Gearbox:
     rotor_inertia : float
         Inertia J of the rotor, at the rotor [kg m^2]; reflected to the joint it is G^2 J.
     rotor_damping : float
-        Viscous friction B_vr of the rotor, at the rotor [N m s/rad].
+        Viscous friction B_vr of the rotor, at the rotor [N m s/rad]; behind a rigid gear
+        it damps the joint by G^2 B_vr, and is no part of the load on which friction depends.
     stiffness : float
         Stiffness K_out at the output [N m/rad].
     damping : float

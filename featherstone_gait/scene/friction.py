@@ -26,7 +26,7 @@ QUADRATIC = ("load_product_friction", "quadratic_external_load", "quadratic_moto
 def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bool = False) -> Friction | None:
     """Build the friction of each joint, None if there is none.
 
-    own_drive: leave out the viscous friction of servos; soft: limit the steepness so that explicit steps stay stable.
+    own_drive: leave out the viscous friction of servos, but not that of a rigid gear's rotor; soft: limit the steepness so that explicit steps stay stable.
     """
     table = records(len(model.moving_joints), GEAR_FRICTION)
     table.stribeck_speed = table.stribeck_exponent = 1.0
@@ -35,6 +35,8 @@ def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bo
             fill(row, servo.gearbox, servo)
             if own_drive:
                 row.viscous_friction = 0.0
+            if drive.kind != "mipsd":  # whose rotor turns by itself
+                row.viscous_friction += rotor_damping(servo)
         row.steepness = 1.0 / max(_width(joint, servo), SOFT if soft else STUCK)
         row.viscous_friction = joint.damping + row.viscous_friction
         row.coulomb_friction = joint.friction + row.coulomb_friction
@@ -46,6 +48,11 @@ def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bo
     for name in FRICTION.names or ():
         plain[name] = table[name]
     return plain
+
+
+def rotor_damping(servo: Servo) -> float:
+    """Return G^2 B_vr, the damping of the rotor at the joint [N m s/rad]."""
+    return servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
 
 
 def build_drag(model: Model) -> np.recarray | None:

@@ -276,12 +276,12 @@ def accelerations(servo, tmp_path):
 
 @pytest.mark.parametrize("law", ["pd", "pd_clamped"])
 def test_a_pd_servo_has_its_rotor_and_friction(law, tmp_path):
-    gear = Gearbox(10.0, rotor_inertia=0.02, rotor_damping=0.5)  # a torque law has no use for the damping
+    gear = Gearbox(10.0, rotor_inertia=0.02, rotor_damping=0.005)
     servo = Servo(Controller(law, Kp=6.0, Kd=0.9), gear, viscous_friction=0.6, coulomb_friction=0.04)
     _, driven, slowed = accelerations(servo, tmp_path)
     assert 'frictionloss="0.04"' in (tmp_path / "m.xml").read_text()
     assert driven == pytest.approx(6.0 / 3.0, rel=1e-12)
-    assert slowed == pytest.approx(-(0.9 + 0.6 + 0.3) / 3.0, rel=1e-12)
+    assert slowed == pytest.approx(-(0.9 + 0.6 + 0.5 + 0.3) / 3.0, rel=1e-12)
     assert "the rotor's inertia and the friction stand with the joint" in remarks(tmp_path)
 
 

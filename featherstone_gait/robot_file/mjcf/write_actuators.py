@@ -43,9 +43,8 @@ def passive(model: Model, joint: Joint) -> tuple[float, float, float]:
 
 
 def _damping(servo: Servo) -> float:
-    """Return the damping at the output; with the rotor's, which torque laws do not have [N m s/rad]."""
-    rotor = 0.0 if servo.controller.law in CONTINUOUS else servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
-    return servo.viscous_friction + rotor
+    """Return the damping at the output, with the rotor's [N m s/rad]."""
+    return servo.viscous_friction + servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
 
 
 def rotor_inertia(servo: Servo | None) -> float:
