@@ -204,6 +204,26 @@ def test_drives_and_couplings_stay_with_their_tree(bench):
     assert right.joint("bend").mimic.joint == "turn"
 
 
+def test_what_acts_between_trees_is_told_by_name_and_refused_by_strict(tmp_path):
+    slide = '<joint name="j{0}" type="slide"/><geom size=".05" contype="0" conaffinity="0"/><site name="s{0}"/>'
+    bodies = "".join(f'<body name="{x}">{slide.format(x)}</body>' for x in "abc")
+    a, b, c = (f'<joint joint="j{x}" coef="1"/>' for x in "abc")
+    fixed = {"sum": a + b, "other": c, "pulled": a + c}
+    tendons = "".join(f'<fixed name="{name}">{joints}</fixed>' for name, joints in fixed.items())
+    for name, more in {
+        "cable": '<tendon><spatial name="cable" range="0 1"><site site="sa"/><site site="sb"/></spatial></tendon>',
+        "tie": f'<tendon>{tendons}</tendon><equality><tendon name="tie" tendon1="sum" tendon2="other"/></equality>',
+        "winch": f'<tendon>{tendons}</tendon><actuator><motor name="winch" tendon="pulled"/></actuator>',
+    }.items():
+        path = tmp_path / f"{name}.xml"
+        path.write_text(f"<mujoco><worldbody>{bodies}</worldbody>{more}</mujoco>")
+        with pytest.warns(RobotFileWarning, match=f"ignored .*'{name}'"):
+            scene = load_scene(path)
+        assert not any(one.startswith("took") and name in one for one in scene.notes)
+        with pytest.raises(RobotFileError, match=f"'{name}'"):
+            load_scene(path, strict=True)
+
+
 def test_the_plane_is_the_ground_with_the_larger_friction_of_two(bench):
     ground = bench.ground
     assert (ground.friction, ground.height) == (0.7, -0.1)

@@ -98,7 +98,7 @@ def read_scene(path: Path, report: Report) -> Content:
     documents = documents_of(path)
     m, remarks = compiled(path, documents)
     bodies, joints, mimics = names_of(m, "body", m.nbody), names_of(m, "joint", m.njnt), couplings(m)
-    everything = Tree((), (), "fixed", 0, (), bodies, joints)
+    everything = Tree((), (), "fixed", 0, (), bodies, joints, several=True)
     moving = moving_trees(m)
     for problem in (*refusals(m, everything), *_between_trees(m, mimics, joints)):
         report.refuse(None, problem)

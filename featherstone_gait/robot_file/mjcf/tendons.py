@@ -82,7 +82,7 @@ def driven(m: Any) -> set[int]:
 
 
 def _own_ties(m: Any, tree: Tree) -> dict[int, Tie]:
-    return {k: tie for k, tie in ties(m).items() if all(tree.holds(m, int(m.jnt_bodyid[j])) for j in tie.terms)}
+    return {k: tie for k, tie in ties(m).items() if tree.joins(m, m.jnt_bodyid[[*tie.terms]])}
 
 
 def tendon_names(m: Any) -> list[str]:
@@ -121,8 +121,8 @@ def why_not(m: Any, tree: Tree, t: int) -> str | None:
         return "which wrap around geoms with a sidesite on another body"
     if all(m.wrap_type[w] == JOINT_WRAP and m.wrap_prm[w] == 0 for w in _wraps(m, t)):
         return "whose coefficients are all 0"
-    if not all(tree.holds(m, b) for b in bodies_of(m, t)):
-        return "which tie the robot to another one"
+    if not tree.joins(m, bodies_of(m, t)):
+        return "which tie one robot to another"
     return None
 
 
@@ -179,6 +179,9 @@ def tendon_doubts(m: Any, tree: Tree) -> Iterator[str]:
             left.setdefault(why, []).append(names[t])
     for why, which in left.items():
         yield f"ignored springs, dampers, friction, inertia and limits of tendons {quoted(which)}, {why}: not supported"
+    apart = [title(m, k) for k in ties(m).keys() - _own_ties(m, tree).keys()]
+    if tree.several and apart:
+        yield f"ignored equalities {', '.join(apart)} of three joints or more, of several robots: not supported"
     for what, field in (("stiffness", "tendon_stiffnesspoly"), ("damping", "tendon_dampingpoly")):
         which = [names[t] for t in own if np.any(getattr(m, field, np.zeros(m.ntendon))[t])]
         if which:

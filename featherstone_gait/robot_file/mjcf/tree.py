@@ -39,10 +39,16 @@ class Tree(NamedTuple):
     left: tuple[int, ...]  # bodies that move in the world and are left out, with all that they carry
     bodies: list[str]  # link name of each body
     joint_names: list[str]  # of each MuJoCo joint
+    several: bool = False  # each body of the world begins a tree of its own, as in a scene
 
     def holds(self, m: Any, b: int) -> bool:
         """Return whether a body is one of the links, or the world that carries them."""
         return m.body_rootid[b] == self.root if self.root else m.body_rootid[b] not in self.left
+
+    def joins(self, m: Any, bodies: Iterable[int]) -> bool:
+        """Return whether bodies are links of one tree, so that what acts between them can be simulated."""
+        roots = {int(m.body_rootid[b]) for b in bodies}
+        return all(self.holds(m, b) for b in roots) and not (self.several and len(roots) > 1)
 
 
 def read_tree(m: Any, base: Base | None, mimics: dict[int, Line]) -> Tree:
