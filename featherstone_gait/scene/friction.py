@@ -26,7 +26,8 @@ QUADRATIC = ("load_product_friction", "quadratic_external_load", "quadratic_moto
 def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bool = False) -> Friction | None:
     """Build the friction of each joint, None if there is none.
 
-    own_drive: leave out the viscous friction of servos, but not that of a rigid gear's rotor; soft: limit the steepness so that explicit steps stay stable.
+    own_drive: leave out the viscous friction of servos, but not that of a rigid gear's rotor; soft: limit the steepness
+    so that explicit steps stay stable.
     """
     table = records(len(model.moving_joints), GEAR_FRICTION)
     table.stribeck_speed = table.stribeck_exponent = 1.0
