@@ -10,8 +10,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from ..core.compile.progress import NOTEBOOK
-
+NOTEBOOK = "ipykernel"  # whose streams are no terminals and show a line that is written anew
 FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left{postfix}"
 
 

@@ -903,7 +903,7 @@ def deepest_points(model: Model, poses: Poses, normal: ArrayLike, links: Sequenc
     level = n - across * a
     thin = FLATNESS**2 * across
     size = np.sqrt((level * level).sum(axis=-1, keepdims=True) + thin * across)
-    return points - FLATNESS * rim * a - radius * n - rim / size * (level + thin * a)
+    return points - radius * n - rim / size * (level + thin * a)
 
 
 def _points(links: Sequence[str], poses: Poses, points: list[tuple[str, Sequence[float]]]) -> np.ndarray:

@@ -19,6 +19,7 @@ from ..base.arguments import instance, listed, texts
 from ..base.brief import some
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_rpy
+from ..core.effects.touch import FLATNESS
 from ..dynamics import Poses, forward_kinematics
 from ..model import ContactPoint, Model, depth_first
 from ..model.rest_posture import nearest_posture, standing_keyframe
@@ -129,7 +130,7 @@ def _points(shape: Shape) -> list[ContactPoint]:
             return _placed(shape, _ends(length), radius=radius)
         case Cylinder(radius, length):
             outward = rotation_from_rpy(shape.rpy)[:, 2:].T * [[-1.0], [1.0]]
-            ends = zip(_ends(length), outward.tolist())
+            ends = zip(_ends(length - 2.0 * FLATNESS * radius), outward.tolist())  # of discs inside of the ends
             return [
                 point
                 for end, axis in ends
@@ -211,7 +212,8 @@ def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) ->
     axes = np.array([point.axis for point in points]).reshape(-1, 3)
     up = poses.rotation[..., at, 2, :]
     height = poses.position[..., at, 2] + (up * local).sum(axis=-1)
-    tilt = np.sqrt(np.maximum(0.0, 1.0 - (up * axes).sum(axis=-1) ** 2))
+    across = (up * axes).sum(axis=-1) ** 2
+    tilt = np.sqrt(np.maximum(0.0, 1.0 - across) + FLATNESS**2 * across)
     rims, radii = np.array([(point.circle_radius, point.radius) for point in points]).reshape(-1, 2).T
     return height - radii - rims * tilt
 

@@ -44,9 +44,9 @@ class ContactPoint:
     radius : float
         Radius of the sphere; 0 for a point [m].
     circle_radius : float
-        Radius of the circle; 0 for a point [m].
+        Radius of the circle, which is the rim of a disc a fiftieth of it thick; 0 for a point [m].
     axis : tuple of float
-        Axis of the circle, out of the cylinder, of unit length, in the link's frame.
+        Axis of the circle, of unit length, in the link's frame.
     load_bearing : bool
         Whether the point carries weight at rest; the stiffness of the ground follows from the weight on those that do.
     friction : float or None

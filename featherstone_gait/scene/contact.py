@@ -14,9 +14,9 @@ from ..base.portable_math import sincos
 from ..base.rotation import dot, rotation_from_quaternion
 from ..core.effects.contact import MOTION, POINT, ROLLER, ROLLING, Contact
 from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
-from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
+from ..core.effects.touch import DISC, Discs, Spheres
 from ..dynamics import deepest_points
-from ..model import ContactPoint, Ground, HeightField, Model
+from ..model import Ground, HeightField, Model
 from ..model.numpy_dynamics import link_poses, mass_center, zero_position
 from ..model.rest_posture import standing_keyframe
 from .records import fill, records
@@ -108,7 +108,7 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
     k = share * g / ground.penetration
     table, places = records(len(contacts), POINT), [tree.placements[point.link] for point in contacts]
     E, r = np.array([place.E for place in places]), np.array([place.r for place in places])
-    table.position = r + applied(E, np.array([_center(point) for point in contacts]))
+    table.position = r + applied(E, np.array([point.position for point in contacts]))
     table.body = [place.row for place in places]
     table.friction = [ground.friction if point.friction is None else point.friction for point in contacts]
     table.stiffness, table.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.penetration)
@@ -121,11 +121,6 @@ def by_body(model: Model, tree: Tree) -> list[int]:
     """Return the indices of the contact points, ordered by body."""
     rows = [tree.placements[point.link].row for point in model.contacts]
     return sorted(range(len(rows)), key=rows.__getitem__)
-
-
-def _center(point: ContactPoint) -> np.ndarray:
-    """Compute the center in the link's frame [m]: a disc is inside the end of its cylinder, half its thickness deep."""
-    return np.array(point.position) - FLATNESS * point.circle_radius * np.array(point.axis)
 
 
 def _curvature(model: Model, tree: Tree) -> Spheres | Discs | None:

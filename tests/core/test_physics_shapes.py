@@ -28,9 +28,8 @@ def ball():
 def wheel(width=0.04):
     """A cylinder about y."""
     across = (3.0 * RADIUS**2 + width**2) / 12.0
-    ends = (
-        ContactPoint("wheel", (0.0, s * width / 2, 0.0), circle_radius=RADIUS, axis=(0.0, s, 0.0)) for s in (-1.0, 1.0)
-    )
+    inside = 0.5 * width - 0.01 * RADIUS
+    ends = (ContactPoint("wheel", (0.0, y, 0.0), circle_radius=RADIUS, axis=(0.0, 1.0, 0.0)) for y in (-inside, inside))
     return round_model("wheel", (across, 0.5 * RADIUS**2, across), tuple(ends))
 
 

@@ -69,7 +69,8 @@ def ball(n, radius=0.02):
 REACH = [
     (Sphere(0.3), lambda u: 0.3 * math.hypot(*u)),
     (Capsule(0.1, 0.5), lambda u: 0.1 * math.hypot(*u) + 0.25 * abs(u[2])),
-    (Cylinder(0.2, 0.5), lambda u: 0.2 * math.hypot(u[0], u[1]) + 0.25 * abs(u[2])),
+    # its edges are rounded over a hundredth of its radius
+    (Cylinder(0.2, 0.5), lambda u: 0.2 * math.hypot(u[0], u[1], 0.01 * u[2]) + (0.25 - 0.01 * 0.2) * abs(u[2])),
     (Box((0.1, 0.2, 0.3)), lambda u: 0.05 * abs(u[0]) + 0.1 * abs(u[1]) + 0.15 * abs(u[2])),
     (Hull(tuple(CUBE)), lambda u: sum(map(abs, u))),
 ]
