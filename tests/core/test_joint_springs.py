@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
 from scipy.linalg import expm
@@ -87,8 +88,7 @@ def test_a_wheel_on_a_spring_swings_at_its_frequency(integrator, damping, kind, 
 def test_order_of_fixed_steps(integrator, order):
     errors = []
     for h in (4e-3, 2e-3):
-        scene = compile_scene(wheel(0.05), integrator=integrator, timestep=h)
-        run = simulate(scene, 0.2, estimate_error=False, record_interval=0.02)
+        run = simulated(in_company(wheel(0.05), integrator, h), 0.2, record_interval=0.02)
         errors.append(np.abs(run["q"][:, 0] - swing(run["time"], 0.05)).max())
     assert errors[0] / errors[1] == pytest.approx(2.0**order, rel=0.1)
 
@@ -155,9 +155,8 @@ def test_a_cubic_spring_swings_faster_the_farther_it_goes(integrator, error):
 @pytest.mark.parametrize(("integrator", "order"), [("rk4", 4), ("midpoint", 2), ("implicit_euler", 1)])
 def test_order_with_a_nonlinear_spring(integrator, order):
     model, ends = stiffening(1.0, -2.0, 3.0, 0.02), []
-    for name, h in (("rk4", 2.5e-4), (integrator, 4e-3), (integrator, 2e-3)):
-        scene = compile_scene(model, integrator=name, timestep=h)
-        ends.append(simulate(scene, 0.2, initial_state(scene, [1.3]), estimate_error=False)["q"][-1, 0])
+    for name, h in (("rk4", 5e-4), (integrator, 4e-3), (integrator, 2e-3)):
+        ends.append(simulated(in_company(model, name, h), 0.2, [1.3])["q"][-1, 0])
     assert (ends[1] - ends[0]) / (ends[2] - ends[0]) == pytest.approx(2.0**order, rel=0.1)
 
 
@@ -326,6 +325,7 @@ def test_a_linear_model_has_the_eigenvalues_of_the_oscillator(damping):
     np.testing.assert_allclose(model.A[:2, :2], exact, rtol=0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_rest_takes_the_torque_of_the_spring():
     scene = compile_scene(wheel(0.05), integrator="rk4", timestep=1e-3)
     found = trim(scene, [1.0])

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import AT_REST, begun, in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_tree
 
@@ -97,15 +98,14 @@ def test_drives_are_mujocos_actuators(tmp_path):
     save_robot(model, saved)
     assert load_robot(saved, strict=True).tendons == model.tendons
     mujoco, m, d = mujoco_model(file)
-    scene = compile_scene(model, integrator="rk4", timestep=1e-6)
+    scene = in_company(model, "rk4", 1e-6)
     rng, clamped = np.random.default_rng(0), 0
     for _ in range(20):
         (q, qd), u = rng.uniform(-1.0, 1.0, (2, 3)), rng.uniform(-0.5, 0.5, 4)
         goal = [0.0, u[1] / 1.5, (13.0 * u[2] + 2.0) / 20.0, 0.0]
         push = [-2.0 * u[0], 0.0, 0.0, 0.4 * u[3]]
-        reference = Reference([0.0], [[0.0, 0.0, 0.0, *goal]])
-        run = simulate(scene, 1e-6, initial_state(scene, q, qd), reference, [0.0, 0.0, 0.0, *push],
-                       record=("q", "qd", "qdd", "tendon_force"), record_interval=1e-6, **QUIET)  # fmt: skip
+        signals = Reference([0.0], [[0.0, 0.0, 0.0, *goal]]), [0.0, 0.0, 0.0, *push]
+        run = simulated(scene, 1e-6, q, qd, *signals, record=("q", "qd", "qdd", "tendon_force"), record_interval=1e-6)
         q, qd = (run[name][1] for name in ("q", "qd"))
         d.qpos, d.qvel, d.ctrl = q, qd, u
         mujoco.mj_forward(m, d)
@@ -123,11 +123,10 @@ def test_the_work_of_tendons_closes_the_balance_of_energy(tmp_path):
     (tmp_path / "arm.xml").write_text(FILE)
     with pytest.warns(match="took the tendon's length as the reference"):
         model = load_robot(tmp_path / "arm.xml")
-    scene = compile_scene(model, integrator="rk4", timestep=1e-4)
     goal, push = [0.0, 0.4, 0.6, 0.0], [0.5, 0.0, 0.2, -0.3]
-    run = simulate(scene, 0.2, initial_state(scene, np.full(3, 0.2), [3.0, -2.0, 1.0]),
-                   Reference([0.0], [[0.0, 0.0, 0.0, *goal]]), [0.0, 0.0, 0.0, *push], record_interval=0.02,
-                   record=("q", "qd", "energy", "tendon_work", "tendon_length"), **QUIET)  # fmt: skip
+    run = simulated(in_company(model, "rk4", 1e-4), 0.2, np.full(3, 0.2), [3.0, -2.0, 1.0],
+                Reference([0.0], [[0.0, 0.0, 0.0, *goal]]), [0.0, 0.0, 0.0, *push], record_interval=0.02,
+                record=("q", "qd", "energy", "tendon_work", "tendon_length"))  # fmt: skip
     work, held = run["tendon_work"], energy(model, run["q"], run["qd"]).total
     lost = run["energy"][..., 4].sum(axis=1)
     balance = held + lost - work[..., 1:].sum(axis=(1, 2))
@@ -167,14 +166,14 @@ def test_one_implicit_step_is_a_dense_solution(reference):
 def test_a_reference_of_joints_alone_holds_the_tendons(tmp_path):
     """A drive without a column holds the length of its tendon at the start, and gets no force from outside."""
     model = arm()
-    scene = compile_scene(model, integrator="implicit_euler", timestep=2e-3, gravity=(0.0, 0.0, 0.0))
+    scene = in_company(model, "implicit_euler", 2e-3, gravity=(0.0, 0.0, 0.0))
     q = np.linspace(-0.4, 0.5, 5)
-    start = initial_state(scene, q)
-    given = Reference([0.0], [[*q, *tendon_lengths(model, q)[1:]]])
-    runs = [simulate(scene, 0.02, start, one, np.zeros(n), record=ALL, **QUIET) for one, n in ((None, 5), (given, 8))]
+    start, lengths = begun(scene, q), tendon_lengths(scene.model, [*q, *AT_REST])
+    given = Reference([0.0], [[*q, *np.zeros(5), *lengths[1:5]]])
+    runs = [simulate(scene, 0.02, start, one, np.zeros(n), record=ALL, **QUIET) for one, n in ((None, 10), (given, 14))]
     for name in ALL:
         np.testing.assert_array_equal(runs[0][name], runs[1][name])
-    with pytest.raises(ValueError, match=r"tau has 6 columns; .* has 5 joints: .*, and 3 driven tendons: coupled"):
+    with pytest.raises(ValueError, match=r"tau has 6 columns; .* has 10 joints: .*, and 4 driven tendons: coupled"):
         simulate(scene, 0.02, start, tau=Reference([0.0], np.zeros((1, 6))))
     save_robot(replace(model, joints=[replace(j, type="continuous") for j in model.joints]), tmp_path / "arm.urdf")
     assert load_robot(tmp_path / "arm.urdf").tendons == model.tendons

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
 from test_tendons import state_of, tied, turned
@@ -72,12 +73,11 @@ def test_accelerations_are_mujocos_while_all_slide(tmp_path):
     save_robot(model, saved)
     assert load_robot(saved, strict=True).tendons == model.tendons
     mujoco, m, d = mujoco_model(file)
-    scene = compile_scene(model, integrator="rk4", timestep=1e-6)
+    scene = in_company(model, "rk4", 1e-6)
     rng, found = np.random.default_rng(0), []
     while len(found) < 20:
         q, qd = rng.uniform(-1.0, 1.0, (2, 3))
-        run = simulate(scene, 1e-6, initial_state(scene, q, 3.0 * qd), record=("q", "qd", "qdd"),
-                       record_interval=1e-6, **QUIET)  # fmt: skip
+        run = simulated(scene, 1e-6, q, 3.0 * qd, record=("q", "qd", "qdd"), record_interval=1e-6)
         d.qpos, d.qvel = run["q"][1], run["qd"][1]
         mujoco.mj_forward(m, d)
         if (d.efc_force[:2] == -m.tendon_frictionloss[1:] * np.sign(d.ten_velocity[1:])).all():  # it is soft about rest
@@ -157,10 +157,10 @@ def test_friction_holds_a_mass_that_is_light_enough(integrator):
     mass, F, speed = 2.0, 15.0, 0.3
     slow = (2.0 * F - mass * 9.81) / mass
     end = speed / slow
-    scene = compile_scene(slider(mass, friction=F), integrator=integrator, timestep=1e-3)
-    still = simulate(scene, 0.2, initial_state(scene, [0.0], [0.0]), **QUIET)
+    scene = in_company(slider(mass, friction=F), integrator, 1e-3)
+    still = simulated(scene, 0.2)
     assert np.abs(still["q"]).max() < 1e-12
-    run = simulate(scene, 0.2, initial_state(scene, [0.0], [speed]), record=("q", "qd", "tendon_work"), **QUIET)
+    run = simulated(scene, 0.2, [0.0], [speed], record=("q", "qd", "tendon_work"))
     assert end < 0.15
     assert abs(run["qd"][-1, 0]) < 1e-11
     assert run["q"][-1, 0] == pytest.approx(0.5 * speed * end, abs=2e-4)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
 
@@ -332,8 +333,9 @@ def test_energy_and_momentum(integrator):
 def test_channels_of_tendons(integrator):
     """The force is that of the spring at the length, up to what a damper and half a step change."""
     model = tied(random_tree(6, 3), damping=0.0)
-    scene = compile_scene(model, integrator=integrator, timestep=1e-5)
-    run = simulate(scene, 1e-3, state_of(scene, 3), record=("q", "tendon_force", "tendon_length"), **QUIET)
+    q, qd, _ = (x[0] for x in random_states(model, 1, 3))
+    how = {"record": ("q", "tendon_force", "tendon_length")}
+    run = simulated(in_company(model, integrator, 1e-5), 1e-3, q, 0.3 * qd, **how)
     np.testing.assert_allclose(run["tendon_length"], tendon_lengths(model, run["q"]), rtol=0, atol=1e-15)
     expected = spring_forces(model.tendons, run["tendon_length"])
     assert np.abs(expected).max() > 1.0

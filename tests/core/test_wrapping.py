@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
 
@@ -123,10 +124,9 @@ def test_the_jacobian_is_how_lengths_change(base):
 def test_the_kernel_has_the_accelerations_of_the_dynamics():
     """The force along each way, on all three bodies, as external forces give it."""
     model = wound()
-    scene = compile_scene(model, integrator="rk4", timestep=1e-6)
+    scene = in_company(model, "rk4", 1e-6)
     for q, qd in zip(*random_states(model, 6, 2)[:2]):
-        start = initial_state(scene, q, qd)
-        run = simulate(scene, 1e-6, start, record=("q", "qd", "qdd"), record_interval=1e-6, **QUIET)
+        run = simulated(scene, 1e-6, q, qd, record=("q", "qd", "qdd"), record_interval=1e-6)
         expected = forward_dynamics(model, run["q"][1], run["qd"][1], np.zeros(6))
         np.testing.assert_allclose(run["qdd"][1], expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
@@ -134,10 +134,10 @@ def test_the_kernel_has_the_accelerations_of_the_dynamics():
 def test_one_implicit_step_is_a_dense_solution():
     """(M + h^2 J' K J) a h = J' f with J of the bent way."""
     model, h = wound(), 1e-3
-    scene = compile_scene(model, integrator="implicit_euler", timestep=h, gravity=STILL)
+    scene = in_company(model, "implicit_euler", h, gravity=STILL)
     scene.constants.tendons.table.fold = 1.0
     q = random_states(model, 1, 3)[0][0]
-    run = simulate(scene, h, initial_state(scene, q), record=("qd",), record_interval=h, **QUIET)
+    run = simulated(scene, h, q, record=("qd",), record_interval=h)
     lengths, J = tendon_lengths(model, q), tendon_jacobian(model, q)
     K = np.diag([one.stiffness for one in model.tendons])
     f = spring_forces(model.tendons, lengths)
@@ -160,9 +160,8 @@ def test_length_and_slope_are_continuous_at_touch_down():
 @pytest.mark.parametrize("integrator", ["rk4", pytest.param("dop853", marks=pytest.mark.long)])
 def test_energy_is_kept_as_a_cord_meets_a_drum(integrator):
     model = swinging(5.0)
-    scene = compile_scene(model, integrator=integrator, timestep=2e-4 if integrator == "rk4" else None)
-    how = QUIET if integrator == "rk4" else QUIET | {"rtol": 1e-10}
-    run = simulate(scene, 3.0, initial_state(scene, [-1.0]), record=("q", "qd"), **how)
+    scene = in_company(model, integrator, 2e-4 if integrator == "rk4" else None)
+    run = simulated(scene, 3.0, [-1.0], record=("q", "qd"), rtol=None if integrator == "rk4" else 1e-10)
     total = energy(model, run["q"], run["qd"]).total
     assert run["q"].min() < -0.9
     assert run["q"].max() > -0.4
