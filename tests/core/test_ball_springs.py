@@ -13,7 +13,6 @@ from featherstone_gait import (
     Joint,
     Link,
     Model,
-    Placed,
     compile_scene,
     energy,
     forward_dynamics,
@@ -23,7 +22,6 @@ from featherstone_gait import (
     mass_matrix,
     save_robot,
     simulate,
-    simulate_batch,
 )
 from featherstone_gait.base.portable_math import angle
 
@@ -202,36 +200,6 @@ def test_springs_and_limits_through_urdf_and_toml(tmp_path):
     model = top(stiffness=3.0, upper=1.2, effort=40.0)
     save_robot(model, tmp_path / "top.urdf")
     assert load_robot(tmp_path / "top.urdf").joints == model.joints
-
-
-@pytest.mark.long
-def test_robots_in_one_scene_move_as_each_alone():
-    bases = "fixed", "floating", "fixed"
-    models = [top(offset=(0.1, 0.2, -0.1), base=base, stiffness=3.0, upper=0.9) for base in bases]
-    models[2] = replace(models[2], joints=[replace(models[2].joints[0], stiffness=0.0)])
-    placed = [Placed(model, name) for model, name in zip(models, "abc")]
-    scene = compile_scene(placed, integrator="midpoint", timestep=1e-3)
-    q = turned_by(0.5, -0.5, 0.6)
-    starts = [np.concatenate([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0][: 7 * (m.base == "floating")], q]) for m in models]
-    together = simulate(scene, 0.05, initial_state(scene, dict(zip("abc", starts))), record=("q",), **QUIET)
-    for name, model, start in zip("abc", models, starts):
-        alone = compile_scene(model, integrator="midpoint", timestep=1e-3)
-        run = simulate(alone, 0.05, initial_state(alone, start), record=("q",), **QUIET)
-        np.testing.assert_array_equal(together[name]["q"], run["q"])
-
-
-@pytest.mark.long
-@pytest.mark.nojit
-@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
-def test_eight_at_once_have_the_bits_of_one(integrator):
-    model = top(offset=(0.1, 0.2, -0.1), stiffness=3.0, upper=1.0)
-    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
-    rng = np.random.default_rng(0)
-    states = [initial_state(scene, turned_by(*x), v) for x, v in rng.normal(size=(8, 2, 3))]
-    for run, state in zip(simulate_batch(scene, 0.01, states, record=ALL, **QUIET), states):
-        alone = simulate(scene, 0.01, state, record=ALL, **QUIET)
-        for name in ALL:
-            np.testing.assert_array_equal(run[name], alone[name])
 
 
 @pytest.mark.parametrize(

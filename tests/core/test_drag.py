@@ -20,7 +20,6 @@ from featherstone_gait import (
     mass_matrix,
     save_robot,
     simulate,
-    simulate_batch,
 )
 from featherstone_gait.run.simulate import initial_state
 
@@ -141,27 +140,8 @@ def test_drag_is_that_of_mujoco(tmp_path):
         np.testing.assert_allclose(run["qdd"][1], d.qacc, rtol=0, atol=1e-9 * np.abs(d.qacc).max())
 
 
-def test_drag_through_toml(tmp_path):
-    model = braked(1.0, -1.0, 2.0)
-    save_robot(model, tmp_path / "wheel.urdf")
-    assert load_robot(tmp_path / "wheel.urdf").joints == model.joints
-
-
 def test_a_damper_that_weakens_is_refused():
     with pytest.raises(ValueError, match=r"its damper weakens as the speed grows: quadratic_damping is -3\.0"):
         braked(1.0, -3.0, 2.9)
     braked(1.0, -3.0, 3.0)
     braked(0.0, 3.0)
-
-
-@pytest.mark.long
-@pytest.mark.nojit
-@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
-def test_eight_at_once_have_the_bits_of_one(integrator):
-    model = dragged(random_tree(4, 3))
-    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
-    states = [initial_state(scene, q, qd) for q, qd in zip(*random_states(model, 8, 4)[:2])]
-    for run, state in zip(simulate_batch(scene, 0.01, states, record=("q", "qd", "energy"), **QUIET), states):
-        alone = simulate(scene, 0.01, state, record=("q", "qd", "energy"), **QUIET)
-        for name in ("q", "qd", "energy"):
-            np.testing.assert_array_equal(run[name], alone[name])

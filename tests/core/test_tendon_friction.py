@@ -8,7 +8,7 @@ import pytest
 from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
-from test_tendons import state_of, tied, turned
+from test_tendons import anchored, state_of, tied, turned
 
 from featherstone_gait import (
     Joint,
@@ -206,9 +206,9 @@ def test_explicit_steps_see_a_softer_friction(integrator):
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
 def test_eight_at_once_have_the_bits_of_one(integrator):
     model = heavy(random_tree(5, 3, base="floating"), 0.2, 0.5)
-    drum = Wrap(None, "cylinder", 0.1, (0.1, 0.0, 2.0), (0.0, 1.0, 0.2), (0.1, 0.0, 2.5))
-    bent = Tendon("bent", path=(Via(None, (1.2, 0.0, 1.5)), drum, Via(model.links[-1].name)), friction=2.0)
-    scene = compile_scene(replace(model, tendons=[*model.tendons, bent]), integrator=integrator, timestep=1e-3)
+    ropes = [replace(one, friction=2.0) for one in anchored(model, 0.1).tendons]
+    own = [replace(one, rest=(-0.1, 0.1), upper=1.0) for one in model.tendons]
+    scene = compile_scene(replace(model, tendons=own + ropes), integrator=integrator, timestep=1e-3)
     states = [state_of(scene, k) for k in range(8)]
     for run, state in zip(simulate_batch(scene, 0.01, states, record=ALL, **QUIET), states):
         alone = simulate(scene, 0.01, state, record=ALL, **QUIET)

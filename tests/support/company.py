@@ -20,14 +20,15 @@ LAST = {"q": 6, "qd": JOINTS, "qdd": JOINTS, "energy": JOINTS, "tendon_force": 2
 def beside(model):
     """Return the robot with its company."""
     root, own, axis = model.root, ("company", "company follower", "company ball"), (0.0, 1.0, 0.0)
-    brakes = {"damping": 1e-4, "quadratic_damping": 1e-4, "friction": 1e-6, "armature": 1e-4, "effort": 0.1}
-    springs = {"stiffness": 1e-3, "cubic_stiffness": 1e-3, "lower": -1.0, "upper": 1.0}
+    brakes = {"damping": 1e-4, "quadratic_damping": -1e-4, "cubic_damping": 1e-4, "friction": 1e-6, "armature": 1e-4}
+    springs = {"stiffness": 1e-3, "quadratic_stiffness": -1e-3, "cubic_stiffness": 1e-3}
+    ends = {"lower": -1.0, "upper": 1.0, "effort": 0.1}
     joints = (
-        Joint(own[0], "revolute", root, own[0], axis=axis, **brakes, **springs),
+        Joint(own[0], "revolute", root, own[0], axis=axis, **brakes, **springs, **ends),
         Joint(own[1], "continuous", root, own[1], axis=axis, mimic=Mimic(own[0])),
         Joint(own[2], "ball", root, own[2], stiffness=1e-3),
     )
-    drum = Wrap(root, "cylinder", 0.1, (0.2, 0.0, -0.2), axis)
+    drum = Wrap(root, "cylinder", 0.1, (0.2, 0.0, -0.2), axis, (0.6, 0.0, -0.2))
     path = Via(root, (0.3, 0.0, 0.2)), drum, Via(own[0], (0.0, 0.0, -0.5))
     cord = Tendon("company cord", (), path, upper=9.0, friction=1e-6, controller=Controller("pd", 1e-6))
     rotor = Tendon("company rotor", [(own[0], 1.0)], armature=1e-4)
