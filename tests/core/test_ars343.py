@@ -200,6 +200,7 @@ def test_a_push_that_begins_where_a_tick_does_is_no_obstacle(start):
     assert np.abs(exact["q"] - spared["q"]).max() > 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("inertia", "kp", "kv"), [(1e-8, 60.0, 1.0), (1e-9, 60.0, 1.0), (1e-9, 0.04, 1e-6)])
 def test_a_light_link_follows_a_stiff_drive_from_a_step(tmp_path, inertia, kp, kv):
     """The angle is that of the linear oscillator, whose fast mode lasts down to a nanosecond."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from scipy.spatial.transform import Rotation
 
@@ -12,7 +13,6 @@ from featherstone_gait import (
     Joint,
     Link,
     Model,
-    Placed,
     compile_scene,
     energy,
     forward_dynamics,
@@ -22,7 +22,6 @@ from featherstone_gait import (
     mass_matrix,
     save_robot,
     simulate,
-    simulate_batch,
 )
 from featherstone_gait.base.portable_math import angle
 
@@ -63,13 +62,13 @@ def test_a_ball_of_equal_inertias_swings_through_large_angles_as_a_spring(integr
     """About one axis the angle is a cos(w t) whatever its size, w = sqrt(K / J)."""
     K, J, a, axis = 2.0, 0.02, 2.5, np.array([1.0, -2.0, 2.0]) / 3.0
     step = 1e-3 if integrator == "rk4" else None
-    scene = compile_scene(top((J, J, J), stiffness=K), integrator=integrator, timestep=step, gravity=STILL)
-    how = QUIET if step else QUIET | {"rtol": 1e-11}
-    run = simulate(scene, 0.7, initial_state(scene, turned_by(*(a * axis))), **how)
+    scene = in_company(top((J, J, J), stiffness=K), integrator, step, gravity=STILL)
+    run = simulated(scene, 0.7, turned_by(*(a * axis)), rtol=None if step else 1e-11)
     expected = a * np.cos(math.sqrt(K / J) * run["time"])[:, None] * axis
     np.testing.assert_allclose(rotation_vector(run["q"]), expected, rtol=0, atol=1e-6 if step else 1e-9)
 
 
+@pytest.mark.quick("fixed")
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 def test_energy_and_dynamics_know_the_springs(base):
     model = top(offset=(0.1, 0.2, -0.1), base=base, stiffness=3.0)
@@ -84,21 +83,24 @@ def test_energy_and_dynamics_know_the_springs(base):
     np.testing.assert_allclose(forward_dynamics(model, q, qd, 0 * tau), forward_dynamics(loose, q, qd, tau), atol=1e-12)
     found, expected = (inverse_dynamics(one, q, qd, 0 * tau) for one in (model, loose))
     np.testing.assert_allclose(found + tau, expected, atol=1e-12)
-    scene = compile_scene(model, integrator="rk4", timestep=5e-4)
-    record = ("base_q", "q", "base_qd", "qd") if first[0] else ALL
-    run = simulate(scene, 0.2, initial_state(scene, q, qd), record=record, **QUIET)
-    states = (np.hstack([run[f"base_{x}"], run[x]]) if first[0] else run[x] for x in ("q", "qd"))
+    if first[0]:
+        scene = compile_scene(model, integrator="rk4", timestep=5e-4)
+        run = simulate(scene, 0.2, initial_state(scene, q, qd), record=("base_q", "base_qd", *ALL), **QUIET)
+        states = (np.hstack([run[f"base_{x}"], run[x]]) for x in ALL)
+    else:
+        run = simulated(in_company(model, "rk4", 5e-4), 0.2, q, qd)
+        states = run["q"], run["qd"]
     total = energy(model, *states).total
     np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-8 * np.abs(total).max())
 
 
-@pytest.mark.parametrize("integrator", ["midpoint", pytest.param("implicit_euler", marks=pytest.mark.long)])
+@pytest.mark.quick("implicit_euler")
+@pytest.mark.parametrize("integrator", ["midpoint", "implicit_euler"])
 def test_order_with_a_spring(integrator):
     model, ends = top(offset=(0.1, 0.2, -0.1), stiffness=3.0, damping=0.02), []
     for name, h in (("rk4", 1e-4), (integrator, 2e-3), (integrator, 1e-3)):
-        scene = compile_scene(model, integrator=name, timestep=h)
-        start = initial_state(scene, turned_by(1.0, -0.5, 0.8), [1.0, 2.0, -1.0])
-        ends.append(simulate(scene, 0.2, start, record=("q",), **QUIET)["q"][-1])
+        start = turned_by(1.0, -0.5, 0.8), [1.0, 2.0, -1.0]
+        ends.append(simulated(in_company(model, name, h), 0.2, *start, record=("q",))["q"][-1])
     errors = [np.abs(end - ends[0]).max() for end in ends[1:]]
     assert errors[0] / errors[1] == pytest.approx(4.0 if integrator == "midpoint" else 2.0, rel=0.1)
 
@@ -121,9 +123,9 @@ def test_error_control_knows_springs_and_limits(integrator, upper):
 def test_an_implicit_step_bears_any_spring():
     """A spring of a thousand times what explicit steps of this length bear brings the joint to rest at zero."""
     model = top(offset=(0.1, 0.0, 0.0), stiffness=1e6, damping=10.0)
-    scene = compile_scene(model, integrator="implicit_euler", timestep=1e-2)
+    scene = in_company(model, "implicit_euler", 1e-2)
     assert scene.preflight.largest_explicit_step < 1e-3
-    run = simulate(scene, 3.0, initial_state(scene, turned_by(0.01, -0.02, 0.01)), **QUIET)
+    run = simulated(scene, 3.0, turned_by(0.01, -0.02, 0.01))
     assert run.ok
     moment = 0.5 * 9.81 * 0.1
     np.testing.assert_allclose(rotation_vector(run["q"][-1]), [0.0, moment / 1e6, 0.0], rtol=0, atol=2e-8)
@@ -135,10 +137,10 @@ def test_one_implicit_step_is_a_dense_solution(stiffness):
     h, x = 1e-3, np.array([0.6, -0.5, 0.4])
     size = np.linalg.norm(x)
     model = top(offset=(0.1, 0.2, -0.1), stiffness=stiffness, upper=size - 0.02)
-    scene = compile_scene(model, integrator="implicit_euler", timestep=h, gravity=STILL)
+    scene = in_company(model, "implicit_euler", h, gravity=STILL)
     scene.constants.tendons.stops.damping = 0.0
-    k, n = scene.constants.tendons.stops.stiffness[0], x / size
-    run = simulate(scene, h, initial_state(scene, turned_by(*x)), record=("qd",), record_interval=h, **QUIET)
+    k, n = scene.constants.tendons.stops.stiffness[-1], x / size
+    run = simulated(scene, h, turned_by(*x), record=("qd",), record_interval=h)
     pull = -h * (stiffness * x + 0.02 * k * n)
     M = mass_matrix(model, turned_by(*x))
     v = np.linalg.solve(M + h * h * (stiffness * np.eye(3) + k * np.outer(n, n)), pull)
@@ -148,10 +150,9 @@ def test_one_implicit_step_is_a_dense_solution(stiffness):
 def test_a_limit_throws_the_body_back_about_any_axis():
     """With equal inertias the limit meets the whole speed, and takes what its damping takes."""
     model = top((0.02, 0.02, 0.02), upper=0.5, effort=50.0)
-    scene = compile_scene(model, integrator="rk4", timestep=2e-5, gravity=STILL)
+    scene = in_company(model, "rk4", 2e-5, gravity=STILL)
     axis = np.array([2.0, 1.0, -2.0]) / 3.0
-    run = simulate(scene, 0.4, initial_state(scene, turned_by(*(0.4 * axis)), 2.0 * axis), record=ALL,
-                   record_interval=2e-4, **QUIET)  # fmt: skip
+    run = simulated(scene, 0.4, turned_by(*(0.4 * axis)), 2.0 * axis, record=ALL, record_interval=2e-4)
     turned = rotation_vector(run["q"])
     assert 0.5 < np.linalg.norm(turned, axis=1).max() < 0.55
     assert -2.0 < run["qd"][-1] @ axis < -0.3
@@ -199,36 +200,6 @@ def test_springs_and_limits_through_urdf_and_toml(tmp_path):
     model = top(stiffness=3.0, upper=1.2, effort=40.0)
     save_robot(model, tmp_path / "top.urdf")
     assert load_robot(tmp_path / "top.urdf").joints == model.joints
-
-
-@pytest.mark.long
-def test_robots_in_one_scene_move_as_each_alone():
-    bases = "fixed", "floating", "fixed"
-    models = [top(offset=(0.1, 0.2, -0.1), base=base, stiffness=3.0, upper=0.9) for base in bases]
-    models[2] = replace(models[2], joints=[replace(models[2].joints[0], stiffness=0.0)])
-    placed = [Placed(model, name) for model, name in zip(models, "abc")]
-    scene = compile_scene(placed, integrator="midpoint", timestep=1e-3)
-    q = turned_by(0.5, -0.5, 0.6)
-    starts = [np.concatenate([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0][: 7 * (m.base == "floating")], q]) for m in models]
-    together = simulate(scene, 0.05, initial_state(scene, dict(zip("abc", starts))), record=("q",), **QUIET)
-    for name, model, start in zip("abc", models, starts):
-        alone = compile_scene(model, integrator="midpoint", timestep=1e-3)
-        run = simulate(alone, 0.05, initial_state(alone, start), record=("q",), **QUIET)
-        np.testing.assert_array_equal(together[name]["q"], run["q"])
-
-
-@pytest.mark.long
-@pytest.mark.nojit
-@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
-def test_eight_at_once_have_the_bits_of_one(integrator):
-    model = top(offset=(0.1, 0.2, -0.1), stiffness=3.0, upper=1.0)
-    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
-    rng = np.random.default_rng(0)
-    states = [initial_state(scene, turned_by(*x), v) for x, v in rng.normal(size=(8, 2, 3))]
-    for run, state in zip(simulate_batch(scene, 0.01, states, record=ALL, **QUIET), states):
-        alone = simulate(scene, 0.01, state, record=ALL, **QUIET)
-        for name in ALL:
-            np.testing.assert_array_equal(run[name], alone[name])
 
 
 @pytest.mark.parametrize(

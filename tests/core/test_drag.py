@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
 
@@ -19,7 +20,6 @@ from featherstone_gait import (
     mass_matrix,
     save_robot,
     simulate,
-    simulate_batch,
 )
 from featherstone_gait.run.simulate import initial_state
 
@@ -48,20 +48,18 @@ def test_the_speed_decays_as_one_over_time():
     """J dv/dt = -b v |v|: v = v0 / (1 + b v0 t / J), either way round; J dv/dt = -c v^3: 1 / v^2 grows by 2 c t / J."""
     t, b = 0.5, 0.03
     for v0 in (4.0, -4.0):
-        scene = compile_scene(braked(quadratic=b), integrator="rk4", timestep=1e-3)
-        run = simulate(scene, t, initial_state(scene, [0.0], [v0]), **QUIET)
+        run = simulated(in_company(braked(quadratic=b), "rk4", 1e-3), t, [0.0], [v0])
         assert run["qd"][-1, 0] == pytest.approx(v0 / (1.0 + b * abs(v0) * t / J), rel=1e-9)
-        scene = compile_scene(braked(cubic=b), integrator="rk4", timestep=1e-3)
-        run = simulate(scene, t, initial_state(scene, [0.0], [v0]), **QUIET)
+        run = simulated(in_company(braked(cubic=b), "rk4", 1e-3), t, [0.0], [v0])
         assert run["qd"][-1, 0] == pytest.approx(v0 / math.sqrt(1.0 + 2.0 * b * v0 * v0 * t / J), rel=1e-9)
 
 
 def test_an_implicit_step_bears_any_drag():
     """One step of Euler's method solves J (v - v0) = -h (b1 + b2 |v| + b3 v^2) v, at 1e6 times an explicit step."""
     h, v0, b = 1e-2, -3.0, (10.0, 2e3, 4e4)
-    scene = compile_scene(braked(*b), integrator="implicit_euler", timestep=h)
+    scene = in_company(braked(*b), "implicit_euler", h)
     assert scene.preflight.largest_explicit_step < 1e-7
-    v = simulate(scene, h, initial_state(scene, [0.0], [v0]), record_interval=h, **QUIET)["qd"][1, 0]
+    v = simulated(scene, h, [0.0], [v0], record_interval=h)["qd"][1, 0]
     power = b[0] * v + b[1] * v * abs(v) + b[2] * v**3
     assert J * (v - v0) == pytest.approx(-h * power, rel=1e-8)
     assert -0.1 < v < 0.0
@@ -72,8 +70,8 @@ def test_one_implicit_step_is_a_dense_solution():
     """M (v - v0) = -h (b1 + b2 |v| + b3 v^2) v by Newton's method on the whole matrix."""
     model, h = dragged(random_tree(5, 3), 5.0), 2e-3
     (q,), (qd,), _ = random_states(model, 1, 2)
-    scene = compile_scene(model, integrator="implicit_euler", timestep=h, gravity=STILL)
-    run = simulate(scene, h, initial_state(scene, q, qd), record=("qd",), record_interval=h, **QUIET)
+    scene = in_company(model, "implicit_euler", h, gravity=STILL)
+    run = simulated(scene, h, q, qd, record=("qd",), record_interval=h)
     b1, b2, b3 = (np.array([getattr(j, f"{n}damping") for j in model.joints]) for n in ("", "quadratic_", "cubic_"))
     M, free = mass_matrix(model, q), qd + h * forward_dynamics(model, q, qd, np.zeros(5), gravity=STILL)
     v = free.copy()
@@ -89,9 +87,9 @@ def test_one_implicit_step_is_a_dense_solution():
 def test_what_drag_takes_is_in_the_energies(integrator):
     model = dragged(random_tree(5, 3), 0.1)
     (q,), (qd,), _ = random_states(model, 1, 4)
-    scene = compile_scene(model, integrator=integrator, timestep=1e-4 if integrator == "rk4" else None)
+    scene = in_company(model, integrator, 1e-4 if integrator == "rk4" else None)
     how = {} if integrator == "rk4" else {"rtol": 1e-11}
-    run = simulate(scene, 0.2, initial_state(scene, q, qd), record=("q", "qd", "energy"), **how, **QUIET)
+    run = simulated(scene, 0.2, q, qd, record=("q", "qd", "energy"), **how)
     total = energy(model, run["q"], run["qd"]).total
     lost = run.column("energy", "friction").sum(axis=-1)
     assert lost[-1] > 0.02 * np.ptp(energy(model, run["q"], run["qd"]).potential)
@@ -130,23 +128,16 @@ def test_drag_is_that_of_mujoco(tmp_path):
     assert [j.quadratic_damping for j in model.moving_joints] == [0.2, -1.0, 0.02, 0.02, 0.02]
     save_robot(model, saved)
     assert load_robot(saved, strict=True).joints == model.joints
-    scene = compile_scene(model, integrator="rk4", timestep=1e-6)
+    scene = in_company(model, "rk4", 1e-6)
     mujoco, m, d = mujoco_model(saved)
     rng = np.random.default_rng(0)
     for _ in range(5):
         q, qd = rng.uniform(-1.0, 1.0, 6), rng.uniform(-3.0, 3.0, 5)
         q[2:] /= np.linalg.norm(q[2:])
-        state = initial_state(scene, q, qd)
-        run = simulate(scene, 1e-6, state, record=("q", "qd", "qdd"), record_interval=1e-6, **QUIET)
+        run = simulated(scene, 1e-6, q, qd, record=("q", "qd", "qdd"), record_interval=1e-6)
         d.qpos, d.qvel = run["q"][1], run["qd"][1]
         mujoco.mj_forward(m, d)
         np.testing.assert_allclose(run["qdd"][1], d.qacc, rtol=0, atol=1e-9 * np.abs(d.qacc).max())
-
-
-def test_drag_through_toml(tmp_path):
-    model = braked(1.0, -1.0, 2.0)
-    save_robot(model, tmp_path / "wheel.urdf")
-    assert load_robot(tmp_path / "wheel.urdf").joints == model.joints
 
 
 def test_a_damper_that_weakens_is_refused():
@@ -154,16 +145,3 @@ def test_a_damper_that_weakens_is_refused():
         braked(1.0, -3.0, 2.9)
     braked(1.0, -3.0, 3.0)
     braked(0.0, 3.0)
-
-
-@pytest.mark.long
-@pytest.mark.nojit
-@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
-def test_eight_at_once_have_the_bits_of_one(integrator):
-    model = dragged(random_tree(4, 3))
-    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
-    states = [initial_state(scene, q, qd) for q, qd in zip(*random_states(model, 8, 4)[:2])]
-    for run, state in zip(simulate_batch(scene, 0.01, states, record=("q", "qd", "energy"), **QUIET), states):
-        alone = simulate(scene, 0.01, state, record=("q", "qd", "energy"), **QUIET)
-        for name in ("q", "qd", "energy"):
-            np.testing.assert_array_equal(run[name], alone[name])

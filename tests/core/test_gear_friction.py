@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from company import in_company, simulated
 from friction_reference import budget, course
 from random_tree import random_tree
 
@@ -160,11 +161,11 @@ def holding(p):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_joint_breaks_away_at_its_budget(name, side):
     """A load that grows slowly: to 1e-6 of it, from outside and by its own drive."""
-    scene = compile_scene(rod(MODELS[name], 0.01, 0.0, 0.0), "rotor", integrator="implicit_euler", gravity=STILL)
+    scene = in_company(rod(MODELS[name], 0.01, 0.0, 0.0), "implicit_euler", None, gravity=STILL)
     for share, moves in ((1.0 - 1e-6, False), (1.0 + 1e-6, True)):
         load = side * share * holding(MODELS[name])
         torque = Reference(np.array([0.0, 1.0]), np.array([[load], [load]]), "linear")
-        run = simulate(scene, 1.0, initial_state(scene, [0.0]), tau=torque)
+        run = simulated(scene, 1.0, tau=torque)
         assert (abs(run["q"][-1, 0]) > 1e-9) == moves
 
 

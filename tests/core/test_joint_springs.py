@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
 from scipy.linalg import expm
@@ -87,8 +88,7 @@ def test_a_wheel_on_a_spring_swings_at_its_frequency(integrator, damping, kind, 
 def test_order_of_fixed_steps(integrator, order):
     errors = []
     for h in (4e-3, 2e-3):
-        scene = compile_scene(wheel(0.05), integrator=integrator, timestep=h)
-        run = simulate(scene, 0.2, estimate_error=False, record_interval=0.02)
+        run = simulated(in_company(wheel(0.05), integrator, h), 0.2, record_interval=0.02)
         errors.append(np.abs(run["q"][:, 0] - swing(run["time"], 0.05)).max())
     assert errors[0] / errors[1] == pytest.approx(2.0**order, rel=0.1)
 
@@ -155,9 +155,8 @@ def test_a_cubic_spring_swings_faster_the_farther_it_goes(integrator, error):
 @pytest.mark.parametrize(("integrator", "order"), [("rk4", 4), ("midpoint", 2), ("implicit_euler", 1)])
 def test_order_with_a_nonlinear_spring(integrator, order):
     model, ends = stiffening(1.0, -2.0, 3.0, 0.02), []
-    for name, h in (("rk4", 2.5e-4), (integrator, 4e-3), (integrator, 2e-3)):
-        scene = compile_scene(model, integrator=name, timestep=h)
-        ends.append(simulate(scene, 0.2, initial_state(scene, [1.3]), estimate_error=False)["q"][-1, 0])
+    for name, h in (("rk4", 5e-4), (integrator, 4e-3), (integrator, 2e-3)):
+        ends.append(simulated(in_company(model, name, h), 0.2, [1.3])["q"][-1, 0])
     assert (ends[1] - ends[0]) / (ends[2] - ends[0]) == pytest.approx(2.0**order, rel=0.1)
 
 
@@ -173,50 +172,6 @@ def test_an_implicit_step_bears_any_nonlinear_spring(integrator):
     assert run["q"][-1, 0] - Q0 == pytest.approx(a / np.sqrt(1.0 + 2.0 * c * a * a * t / damping), rel=1e-2)
 
 
-@pytest.mark.long
-def test_energy_with_nonlinear_springs():
-    tree = sprung(random_tree(6, 4, base="floating"), 4)
-    joints = [replace(j, quadratic_stiffness=j.stiffness, cubic_stiffness=j.stiffness) for j in tree.joints]
-    model = replace(tree, joints=joints)
-    q, qd, tau = (x[0] for x in random_states(model, 1, 4))
-    scene = compile_scene(model, integrator="dop853")
-    run = simulate(scene, 0.2, initial_state(scene, q, qd), record=("base_q", "q", "base_qd", "qd"), rtol=1e-11)
-    states = (np.hstack([run[f"base_{x}"], run[x]]) for x in ("q", "qd"))
-    total = energy(model, *states).total
-    assert energy(model, q, qd).potential - energy(tree, q, qd).potential > 0.1
-    np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-8 * np.abs(total).max())
-    found = inverse_dynamics(model, q, qd, forward_dynamics(model, q, qd, tau))
-    np.testing.assert_allclose(found, tau, rtol=0, atol=1e-9)
-
-
-@pytest.mark.filterwarnings("error")
-def test_nonlinear_springs_are_those_of_mujoco(tmp_path):
-    file, saved = tmp_path / "arm.xml", tmp_path / "saved.xml"
-    changes = {'stiffness="3"': 'stiffness="3 -2 1"', 'stiffness="40"': 'stiffness="0 0 5e3"', '="0"': '="0 0 0"'}
-    text = FILE
-    for old, new in changes.items():
-        text = text.replace(old, new)
-    file.write_text(text)
-    mujoco = pytest.importorskip("mujoco", minversion="4")
-    model = load_robot(file, strict=True)
-    assert [j.quadratic_stiffness for j in model.moving_joints] == [-2.0, -2.0, 0.0, 0.0]
-    save_robot(model, saved)
-    assert load_robot(saved).joints == model.joints
-    damping = np.array([j.damping for j in model.moving_joints])
-    _, m, d = mujoco_model(saved)
-    for q, qd in np.random.default_rng(0).uniform(-1.0, 1.0, (20, 2, 4)):
-        d.qpos, d.qvel = q, qd
-        mujoco.mj_forward(m, d)
-        found = forward_dynamics(model, q, qd, -damping * qd)
-        np.testing.assert_allclose(found, d.qacc, rtol=1e-9, atol=1e-9 * np.abs(d.qacc).max())
-
-
-def test_nonlinear_springs_through_toml(tmp_path):
-    model = stiffening(1.0, -1.0, 2.0)
-    save_robot(model, tmp_path / "wheel.urdf")
-    assert load_robot(tmp_path / "wheel.urdf").joints == model.joints
-
-
 def test_a_spring_that_gives_way_is_refused():
     with pytest.raises(ValueError, match=r"its spring gives way somewhere: quadratic_stiffness is 3\.0"):
         stiffening(1.0, 3.0, 2.9)
@@ -226,12 +181,24 @@ def test_a_spring_that_gives_way_is_refused():
 
 
 @pytest.mark.filterwarnings("error")
-def test_accelerations_are_those_of_mujoco_from_one_file(tmp_path):
+@pytest.mark.parametrize(
+    ("changes", "linear", "quadratic"),
+    [
+        ({}, [3, 3, 40, 0], [0, 0, 0, 0]),
+        ({'="3"': '="3 -2 1"', 's="40"': 's="0 0 5e3"', '="0"': '="0 0 0"'}, [3, 3, 0, 0], [-2, -2, 0, 0]),
+    ],
+)
+def test_accelerations_are_those_of_mujoco_from_one_file(tmp_path, changes, linear, quadratic):
     """With defaults, classes, a reference of the joint's own, a slide, and one without a spring; dampers too."""
-    file, saved = tmp_path / "arm.xml", tmp_path / "saved.xml"
-    file.write_text(FILE)
+    file, saved, text = tmp_path / "arm.xml", tmp_path / "saved.xml", FILE
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    file.write_text(text)
+    if any(quadratic):
+        pytest.importorskip("mujoco", minversion="4")
     model = load_robot(file, strict=True)
-    assert [j.stiffness > 0.0 for j in model.moving_joints] == [True, True, True, False]
+    assert [j.stiffness for j in model.moving_joints] == linear
+    assert [j.quadratic_stiffness for j in model.moving_joints] == quadratic
     save_robot(model, saved)
     rng = np.random.default_rng(0)
     q, qd = rng.uniform(-1.0, 1.0, (2, 20, 4))
@@ -243,7 +210,7 @@ def test_accelerations_are_those_of_mujoco_from_one_file(tmp_path):
             d.qpos, d.qvel = q[k], qd[k]
             mujoco.mj_forward(m, d)
             np.testing.assert_allclose(found[k], d.qacc, rtol=1e-9, atol=1e-9 * np.abs(d.qacc).max())
-    assert load_robot(saved).moving_joints[0].stiffness == 3.0
+    assert load_robot(saved).joints == model.joints
 
 
 @pytest.mark.long
@@ -287,15 +254,21 @@ def unsprung(model):
 @pytest.mark.long
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_energy_of_a_floating_tree_is_what_friction_leaves(integrator):
-    model = sprung(random_tree(8, 4, base="floating"), 4, damping=1e-3)
-    q, qd, _ = (x[0] for x in random_states(model, 1, 4))
+    """With springs that stiffen."""
+    bare = random_tree(8, 4, base="floating")
+    joints = sprung(bare, 4, damping=1e-3).joints
+    joints = [replace(j, quadratic_stiffness=j.stiffness, cubic_stiffness=j.stiffness) for j in joints]
+    model = replace(bare, joints=joints)
+    q, qd, tau = (x[0] for x in random_states(model, 1, 4))
     scene = compile_scene(model, integrator=integrator)
     run = simulate(
         scene, 0.5, initial_state(scene, q, qd), record=("base_q", "q", "base_qd", "qd", "energy"), rtol=1e-11
     )
     states = (np.hstack([run[f"base_{x}"], run[x]]) for x in ("q", "qd"))
     total = energy(model, *states).total + run["energy"][:, :, FRICTION].sum(axis=1)
-    stored = energy(model, q, qd).potential - energy(unsprung(model), q, qd).potential
+    found = inverse_dynamics(model, q, qd, forward_dynamics(model, q, qd, tau))
+    np.testing.assert_allclose(found, tau, rtol=0, atol=1e-9)
+    stored = energy(model, q, qd).potential - energy(bare, q, qd).potential
     assert stored > 1.0
     np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-8 * stored)
 
@@ -326,6 +299,7 @@ def test_a_linear_model_has_the_eigenvalues_of_the_oscillator(damping):
     np.testing.assert_allclose(model.A[:2, :2], exact, rtol=0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_rest_takes_the_torque_of_the_spring():
     scene = compile_scene(wheel(0.05), integrator="rk4", timestep=1e-3)
     found = trim(scene, [1.0])

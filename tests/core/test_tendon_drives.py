@@ -5,8 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import AT_REST, begun, in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_tree
+from test_ball_springs import top, turned_by
+from test_wrapping import wound
 
 from featherstone_gait import (
     Controller,
@@ -97,15 +100,14 @@ def test_drives_are_mujocos_actuators(tmp_path):
     save_robot(model, saved)
     assert load_robot(saved, strict=True).tendons == model.tendons
     mujoco, m, d = mujoco_model(file)
-    scene = compile_scene(model, integrator="rk4", timestep=1e-6)
+    scene = in_company(model, "rk4", 1e-6)
     rng, clamped = np.random.default_rng(0), 0
     for _ in range(20):
         (q, qd), u = rng.uniform(-1.0, 1.0, (2, 3)), rng.uniform(-0.5, 0.5, 4)
         goal = [0.0, u[1] / 1.5, (13.0 * u[2] + 2.0) / 20.0, 0.0]
         push = [-2.0 * u[0], 0.0, 0.0, 0.4 * u[3]]
-        reference = Reference([0.0], [[0.0, 0.0, 0.0, *goal]])
-        run = simulate(scene, 1e-6, initial_state(scene, q, qd), reference, [0.0, 0.0, 0.0, *push],
-                       record=("q", "qd", "qdd", "tendon_force"), record_interval=1e-6, **QUIET)  # fmt: skip
+        signals = Reference([0.0], [[0.0, 0.0, 0.0, *goal]]), [0.0, 0.0, 0.0, *push]
+        run = simulated(scene, 1e-6, q, qd, *signals, record=("q", "qd", "qdd", "tendon_force"), record_interval=1e-6)
         q, qd = (run[name][1] for name in ("q", "qd"))
         d.qpos, d.qvel, d.ctrl = q, qd, u
         mujoco.mj_forward(m, d)
@@ -123,11 +125,10 @@ def test_the_work_of_tendons_closes_the_balance_of_energy(tmp_path):
     (tmp_path / "arm.xml").write_text(FILE)
     with pytest.warns(match="took the tendon's length as the reference"):
         model = load_robot(tmp_path / "arm.xml")
-    scene = compile_scene(model, integrator="rk4", timestep=1e-4)
     goal, push = [0.0, 0.4, 0.6, 0.0], [0.5, 0.0, 0.2, -0.3]
-    run = simulate(scene, 0.2, initial_state(scene, np.full(3, 0.2), [3.0, -2.0, 1.0]),
-                   Reference([0.0], [[0.0, 0.0, 0.0, *goal]]), [0.0, 0.0, 0.0, *push], record_interval=0.02,
-                   record=("q", "qd", "energy", "tendon_work", "tendon_length"), **QUIET)  # fmt: skip
+    run = simulated(in_company(model, "rk4", 1e-4), 0.2, np.full(3, 0.2), [3.0, -2.0, 1.0],
+                Reference([0.0], [[0.0, 0.0, 0.0, *goal]]), [0.0, 0.0, 0.0, *push], record_interval=0.02,
+                record=("q", "qd", "energy", "tendon_work", "tendon_length"))  # fmt: skip
     work, held = run["tendon_work"], energy(model, run["q"], run["qd"]).total
     lost = run["energy"][..., 4].sum(axis=1)
     balance = held + lost - work[..., 1:].sum(axis=(1, 2))
@@ -167,14 +168,14 @@ def test_one_implicit_step_is_a_dense_solution(reference):
 def test_a_reference_of_joints_alone_holds_the_tendons(tmp_path):
     """A drive without a column holds the length of its tendon at the start, and gets no force from outside."""
     model = arm()
-    scene = compile_scene(model, integrator="implicit_euler", timestep=2e-3, gravity=(0.0, 0.0, 0.0))
+    scene = in_company(model, "implicit_euler", 2e-3, gravity=(0.0, 0.0, 0.0))
     q = np.linspace(-0.4, 0.5, 5)
-    start = initial_state(scene, q)
-    given = Reference([0.0], [[*q, *tendon_lengths(model, q)[1:]]])
-    runs = [simulate(scene, 0.02, start, one, np.zeros(n), record=ALL, **QUIET) for one, n in ((None, 5), (given, 8))]
+    start, lengths = begun(scene, q), tendon_lengths(scene.model, [*q, *AT_REST])
+    given = Reference([0.0], [[*q, *np.zeros(5), *lengths[1:5]]])
+    runs = [simulate(scene, 0.02, start, one, np.zeros(n), record=ALL, **QUIET) for one, n in ((None, 10), (given, 14))]
     for name in ALL:
         np.testing.assert_array_equal(runs[0][name], runs[1][name])
-    with pytest.raises(ValueError, match=r"tau has 6 columns; .* has 5 joints: .*, and 3 driven tendons: coupled"):
+    with pytest.raises(ValueError, match=r"tau has 6 columns; .* has 10 joints: .*, and 4 driven tendons: coupled"):
         simulate(scene, 0.02, start, tau=Reference([0.0], np.zeros((1, 6))))
     save_robot(replace(model, joints=[replace(j, type="continuous") for j in model.joints]), tmp_path / "arm.urdf")
     assert load_robot(tmp_path / "arm.urdf").tendons == model.tendons
@@ -244,16 +245,22 @@ def test_a_linear_model_knows_references_and_forces_of_tendons():
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
 def test_eight_at_once_have_the_bits_of_one(integrator):
-    model = arm()
-    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
-    rng = np.random.default_rng(0)
-    states = [initial_state(scene, q) for q in rng.uniform(-1.0, 1.0, (8, 5))]
-    goals = [Reference([0.0], [goal]) for goal in rng.uniform(-1.0, 1.0, (8, 8))]
-    taus = list(rng.uniform(-1.0, 1.0, (8, 8)))
-    batch = simulate_batch(scene, 0.01, states, goals, taus, record=ALL, **QUIET)
+    """With all that is passive: drag, springs, ball joints with limits, couplings, drives and cords around shapes."""
+    ball, body = top(offset=(0.1, 0.2, -0.1), stiffness=3.0, upper=1.0), wound()
+    drag = {"damping": 0.2, "quadratic_damping": -0.2, "cubic_damping": 0.1}
+    joints = [*(replace(one, **drag) for one in body.joints), replace(ball.joints[0], parent=body.root, child="top")]
+    links = *body.links, replace(ball.links[1], name="top")
+    model = replace(body, links=links, joints=joints, tendons=body.tendons + arm().tendons)
+    scene = in_company(model, integrator, 1e-3)
+    rng, record = np.random.default_rng(0), (*ALL, "energy")
+    q, qd = rng.normal(size=(8, 6)), rng.normal(size=(8, 9))
+    states = [begun(scene, [*x, *turned_by(*x[:3])], v) for x, v in zip(q, qd)]
+    goals = [Reference([0.0], [goal]) for goal in rng.uniform(-1.0, 1.0, (8, scene.inputs))]
+    taus = list(rng.uniform(-0.1, 0.1, (8, scene.inputs)))
+    batch = simulate_batch(scene, 0.01, states, goals, taus, record=record, **QUIET)
     for run, *given in zip(batch, states, goals, taus):
-        alone = simulate(scene, 0.01, *given, record=ALL, **QUIET)
-        for name in ALL:
+        alone = simulate(scene, 0.01, *given, record=record, **QUIET)
+        for name in record:
             np.testing.assert_array_equal(run[name], alone[name])
 
 

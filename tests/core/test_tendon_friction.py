@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
-from test_tendons import state_of, tied, turned
+from test_tendons import anchored, state_of, tied, turned
 
 from featherstone_gait import (
     Joint,
@@ -72,12 +73,11 @@ def test_accelerations_are_mujocos_while_all_slide(tmp_path):
     save_robot(model, saved)
     assert load_robot(saved, strict=True).tendons == model.tendons
     mujoco, m, d = mujoco_model(file)
-    scene = compile_scene(model, integrator="rk4", timestep=1e-6)
+    scene = in_company(model, "rk4", 1e-6)
     rng, found = np.random.default_rng(0), []
     while len(found) < 20:
         q, qd = rng.uniform(-1.0, 1.0, (2, 3))
-        run = simulate(scene, 1e-6, initial_state(scene, q, 3.0 * qd), record=("q", "qd", "qdd"),
-                       record_interval=1e-6, **QUIET)  # fmt: skip
+        run = simulated(scene, 1e-6, q, 3.0 * qd, record=("q", "qd", "qdd"), record_interval=1e-6)
         d.qpos, d.qvel = run["q"][1], run["qd"][1]
         mujoco.mj_forward(m, d)
         if (d.efc_force[:2] == -m.tendon_frictionloss[1:] * np.sign(d.ten_velocity[1:])).all():  # it is soft about rest
@@ -157,10 +157,10 @@ def test_friction_holds_a_mass_that_is_light_enough(integrator):
     mass, F, speed = 2.0, 15.0, 0.3
     slow = (2.0 * F - mass * 9.81) / mass
     end = speed / slow
-    scene = compile_scene(slider(mass, friction=F), integrator=integrator, timestep=1e-3)
-    still = simulate(scene, 0.2, initial_state(scene, [0.0], [0.0]), **QUIET)
+    scene = in_company(slider(mass, friction=F), integrator, 1e-3)
+    still = simulated(scene, 0.2)
     assert np.abs(still["q"]).max() < 1e-12
-    run = simulate(scene, 0.2, initial_state(scene, [0.0], [speed]), record=("q", "qd", "tendon_work"), **QUIET)
+    run = simulated(scene, 0.2, [0.0], [speed], record=("q", "qd", "tendon_work"))
     assert end < 0.15
     assert abs(run["qd"][-1, 0]) < 1e-11
     assert run["q"][-1, 0] == pytest.approx(0.5 * speed * end, abs=2e-4)
@@ -206,9 +206,9 @@ def test_explicit_steps_see_a_softer_friction(integrator):
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
 def test_eight_at_once_have_the_bits_of_one(integrator):
     model = heavy(random_tree(5, 3, base="floating"), 0.2, 0.5)
-    drum = Wrap(None, "cylinder", 0.1, (0.1, 0.0, 2.0), (0.0, 1.0, 0.2), (0.1, 0.0, 2.5))
-    bent = Tendon("bent", path=(Via(None, (1.2, 0.0, 1.5)), drum, Via(model.links[-1].name)), friction=2.0)
-    scene = compile_scene(replace(model, tendons=[*model.tendons, bent]), integrator=integrator, timestep=1e-3)
+    ropes = [replace(one, friction=2.0) for one in anchored(model, 0.1).tendons]
+    own = [replace(one, rest=(-0.1, 0.1), upper=1.0) for one in model.tendons]
+    scene = compile_scene(replace(model, tendons=own + ropes), integrator=integrator, timestep=1e-3)
     states = [state_of(scene, k) for k in range(8)]
     for run, state in zip(simulate_batch(scene, 0.01, states, record=ALL, **QUIET), states):
         alone = simulate(scene, 0.01, state, record=ALL, **QUIET)

@@ -76,6 +76,7 @@ def test_a_stiff_cable_makes_the_load_an_inertia_of_the_servo(gearbox, along):
     assert weight.max() > 1e-3
 
 
+@pytest.mark.long
 def test_a_winch_lifts_and_the_balance_of_energy_closes():
     """What the servo does is kinetic and potential energy, that of the cable, and what damper and friction take."""
     model = winch(cable(2e4, 20.0), coulomb_friction=0.0, viscous_friction=1e-3)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from company import in_company, simulated
 
 from featherstone_gait.crosscheck.servo_chain import ServoChain
 from featherstone_gait.model import Controller, Joint, Link, Model, Servo
@@ -49,8 +50,10 @@ def check_short_way(run):
 
 
 def test_it_moves_twenty_degrees_and_not_340():
-    check_short_way(run_of(pd()))
-    long_way = run_of(pd(wrap=False))
+    goals = Reference((0.0, 0.3), np.array([[FAR], [BACK]]), "hold")
+    scenes = (in_company(disk(pd(wrap=wrap)), "implicit_euler", 1e-3) for wrap in (True, False))
+    short_way, long_way = (simulated(scene, 2.0, [FAR], None, goals) for scene in scenes)
+    check_short_way(short_way)
     assert abs(long_way["q"][-1, 0] - BACK) < math.radians(0.5)
 
 

@@ -5,8 +5,11 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from company import in_company, simulated
 from mujoco_oracle import mujoco_model
 from random_tree import random_states, random_tree
+from test_ball_springs import top, turned_by
+from test_tendons import anchored, tied
 
 from featherstone_gait import (
     Joint,
@@ -24,7 +27,6 @@ from featherstone_gait import (
     mass_matrix,
     save_robot,
     simulate,
-    simulate_batch,
     tendon_jacobian,
     tendon_lengths,
 )
@@ -123,10 +125,9 @@ def test_the_jacobian_is_how_lengths_change(base):
 def test_the_kernel_has_the_accelerations_of_the_dynamics():
     """The force along each way, on all three bodies, as external forces give it."""
     model = wound()
-    scene = compile_scene(model, integrator="rk4", timestep=1e-6)
+    scene = in_company(model, "rk4", 1e-6)
     for q, qd in zip(*random_states(model, 6, 2)[:2]):
-        start = initial_state(scene, q, qd)
-        run = simulate(scene, 1e-6, start, record=("q", "qd", "qdd"), record_interval=1e-6, **QUIET)
+        run = simulated(scene, 1e-6, q, qd, record=("q", "qd", "qdd"), record_interval=1e-6)
         expected = forward_dynamics(model, run["q"][1], run["qd"][1], np.zeros(6))
         np.testing.assert_allclose(run["qdd"][1], expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
@@ -134,10 +135,10 @@ def test_the_kernel_has_the_accelerations_of_the_dynamics():
 def test_one_implicit_step_is_a_dense_solution():
     """(M + h^2 J' K J) a h = J' f with J of the bent way."""
     model, h = wound(), 1e-3
-    scene = compile_scene(model, integrator="implicit_euler", timestep=h, gravity=STILL)
+    scene = in_company(model, "implicit_euler", h, gravity=STILL)
     scene.constants.tendons.table.fold = 1.0
     q = random_states(model, 1, 3)[0][0]
-    run = simulate(scene, h, initial_state(scene, q), record=("qd",), record_interval=h, **QUIET)
+    run = simulated(scene, h, q, record=("qd",), record_interval=h)
     lengths, J = tendon_lengths(model, q), tendon_jacobian(model, q)
     K = np.diag([one.stiffness for one in model.tendons])
     f = spring_forces(model.tendons, lengths)
@@ -160,50 +161,33 @@ def test_length_and_slope_are_continuous_at_touch_down():
 @pytest.mark.parametrize("integrator", ["rk4", pytest.param("dop853", marks=pytest.mark.long)])
 def test_energy_is_kept_as_a_cord_meets_a_drum(integrator):
     model = swinging(5.0)
-    scene = compile_scene(model, integrator=integrator, timestep=2e-4 if integrator == "rk4" else None)
-    how = QUIET if integrator == "rk4" else QUIET | {"rtol": 1e-10}
-    run = simulate(scene, 3.0, initial_state(scene, [-1.0]), record=("q", "qd"), **how)
+    scene = in_company(model, integrator, 2e-4 if integrator == "rk4" else None)
+    run = simulated(scene, 3.0, [-1.0], record=("q", "qd"), rtol=None if integrator == "rk4" else 1e-10)
     total = energy(model, run["q"], run["qd"]).total
     assert run["q"].min() < -0.9
     assert run["q"].max() > -0.4
     np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-7 * np.ptp(energy(model, run["q"], run["qd"]).kinetic))
 
 
-def test_wraps_through_toml(tmp_path):
-    model = swinging()
-    cord = model.tendons[0]
-    free = replace(cord, name="free", path=(cord.path[0], replace(cord.path[1], side=None), cord.path[2]))
-    model = replace(model, tendons=(cord, free))
-    save_robot(model, tmp_path / "swing.urdf")
-    assert load_robot(tmp_path / "swing.urdf").tendons == model.tendons
-
-
 @pytest.mark.long
 def test_robots_in_one_scene_move_as_each_alone():
-    models = [wound("floating"), swinging(), wound()]
-    placed = [Placed(model, name) for model, name in zip(models, "abc")]
-    scene = compile_scene(placed, integrator="midpoint", timestep=1e-3)
+    """With tendons of joints, around shapes and from the world, and with springs and limits of ball joints."""
+    free = tied(random_tree(6, 4, base="floating"))
+    hung = replace(free, tendons=free.tendons + anchored(free).tendons)
+    models = [tied(random_tree(5, 3)), hung, wound("floating"), swinging(), wound()]
     states = [random_states(model, 1, k)[0][0] for k, model in enumerate(models)]
-    start = initial_state(scene, dict(zip("abc", states)))
-    together = simulate(scene, 0.02, start, record=("q", "tendon_force"), **QUIET)
-    for name, model, q in zip("abc", models, states):
+    for base, stiffness in (("fixed", 3.0), ("floating", 3.0), ("fixed", 0.0)):
+        models.append(top(offset=(0.1, 0.2, -0.1), base=base, stiffness=stiffness, upper=0.9))
+        at = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if base == "floating" else []
+        states.append([*at, *turned_by(0.5, -0.5, 0.6)])
+    scene = compile_scene([Placed(*one) for one in zip(models, "abcdefgh")], integrator="midpoint", timestep=1e-3)
+    start = initial_state(scene, dict(zip("abcdefgh", states)))
+    together = simulate(scene, 0.05, start, record=("q", "tendon_force"), **QUIET)
+    for name, model, q in zip("abcdefgh", models, states):
         alone = compile_scene(model, integrator="midpoint", timestep=1e-3)
-        run = simulate(alone, 0.02, initial_state(alone, q), record=("q", "tendon_force"), **QUIET)
+        run = simulate(alone, 0.05, initial_state(alone, q), record=("q", "tendon_force"), **QUIET)
         for channel in ("q", "tendon_force"):
             np.testing.assert_array_equal(together[name][channel], run[channel])
-
-
-@pytest.mark.long
-@pytest.mark.nojit
-@pytest.mark.parametrize("integrator", ["implicit_euler", pytest.param("rk4", marks=pytest.mark.bounds)])
-def test_eight_at_once_have_the_bits_of_one(integrator):
-    model = wound()
-    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
-    states = [initial_state(scene, q, qd) for q, qd in zip(*random_states(model, 8, 4)[:2])]
-    for run, state in zip(simulate_batch(scene, 0.01, states, record=("q", "tendon_force"), **QUIET), states):
-        alone = simulate(scene, 0.01, state, record=("q", "tendon_force"), **QUIET)
-        for name in ("q", "tendon_force"):
-            np.testing.assert_array_equal(run[name], alone[name])
 
 
 @pytest.mark.parametrize(

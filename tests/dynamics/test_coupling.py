@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import published
 import pytest
+from company import in_company, simulated
 from random_tree import random_states, random_tree
 from scipy.special import ellipj, ellipk
 
@@ -277,8 +278,7 @@ def test_friction_of_the_follower_brakes_the_leader():
     """At 3 N s/m and 1 N: a terminal speed of (weight - 1 N) / (3 N s/m)."""
     model = atwood()
     joints = (model.joints[0], replace(model.joints[1], damping=3.0, friction=1.0))
-    scene = compile_scene(replace(model, joints=joints), integrator="implicit_euler", timestep=1e-3)
-    run = simulate(scene, 20.0)
+    run = simulated(in_company(replace(model, joints=joints), "implicit_euler", 1e-3), 20.0)
     assert run["qd"][-1] == pytest.approx(np.array([-1.0, 1.0]) * (G * 1.5 - 1.0) / 3.0, rel=1e-6)
 
 

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import published
 import pytest
+from company import in_company, simulated
 from random_tree import random_states, random_tree
 
 from featherstone_gait import (
@@ -27,12 +28,10 @@ from featherstone_gait import (
     compile_scene,
     forward_dynamics,
     forward_kinematics,
-    initial_state,
     inverse_dynamics,
     load_robot,
     mass_matrix,
     save_robot,
-    simulate,
     tendon_jacobian,
 )
 from featherstone_gait.base.rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
@@ -343,9 +342,8 @@ def test_an_equality_of_three_joints_is_a_spring_as_soft_as_solref(write):
     assert dict(tendon.joints) == {"a": 1.0, "b": -2.0, "c": 0.5}
     assert (tendon.stiffness, tendon.damping) == (pytest.approx(1.0 / (w * 0.008**2)), pytest.approx(2.0 / (w * 0.01)))
     assert tendon.slack[0] == tendon.slack[1] == pytest.approx(0.1 - 2.0 * m.qpos0[1])
-    scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3)
-    start = initial_state(scene, [tendon.slack[0], 0.0, 0.0], [2.0, 1.5, 2.0])
-    run = simulate(scene, 0.3, start, record=("q", "tendon_length"), estimate_error=False)
+    scene, q = in_company(model, "implicit_euler", 1e-3), [tendon.slack[0], 0.0, 0.0]
+    run = simulated(scene, 0.3, q, [2.0, 1.5, 2.0], record=("q", "tendon_length"))
     assert np.ptp(run["q"], axis=0).min() > 0.02
     assert np.abs(run["tendon_length"] - tendon.slack[0]).max() < 0.02
 
@@ -424,8 +422,7 @@ def test_armature_is_part_of_the_mass_matrix_and_of_every_drive(write):
 def test_a_motion_feels_the_armature(write):
     ball = '<joint name="j" axis="0 1 0" armature="0.7"/><geom size="0.1" mass="2"/>'
     model = load_robot(write(robot(f"<body>{ball}</body>")))
-    scene = compile_scene(model, integrator="rk4", timestep=0.01, gravity=(0, 0, 0))
-    run = simulate(scene, 1.0, tau=[3.0], record=("q",))
+    run = simulated(in_company(model, "rk4", 0.01, gravity=(0, 0, 0)), 1.0, tau=[3.0], record=("q",))
     assert run["q"][-1, 0] == pytest.approx(0.5 * 3.0 / (0.7 + 0.4 * 2 * 0.1**2), rel=1e-9)
 
 
