@@ -397,6 +397,7 @@ def test_error_control_meets_the_knots_of_a_torque(integrator):
     assert run["q"][-1, 0] == pytest.approx(2.0 * 0.0198 / inertia * (0.2 - 0.0222), rel=1e-10)
 
 
+@pytest.mark.long
 def test_error_control_meets_the_knots_of_a_reference_followed_at_every_instant():
     """A stiff continuous servo is told to jump between records: a run of fixed steps much finer agrees."""
     step = Reference([0.0, 0.0105], np.stack([np.zeros(7), np.full(7, 0.02)]), "hold")

@@ -65,9 +65,9 @@ def test_an_interrupted_run_ends_and_the_next_one_works(case):
     assert (run.stdout.split(), run.stderr) == (["interrupted", "0", "goes", "on"], "")
 
 
-@pytest.mark.quick("midpoint")
+@pytest.mark.quick("dop853")
 @pytest.mark.nojit
-@pytest.mark.parametrize("integrator", ["midpoint", "extrapolation"])
+@pytest.mark.parametrize("integrator", ["midpoint", "dop853"])
 def test_another_thread_can_end_a_run(integrator):
     ready = prepare(compile_scene(pendulum(), integrator=integrator), 0.1)
     ready.stop[0] = 1
@@ -85,7 +85,7 @@ def handed_over(monkeypatch):
 @pytest.mark.nojit
 def test_a_run_in_a_thread_of_its_own_has_the_same_bits(handed_over):
     """Long runs of the main thread are; runs of other threads are not."""
-    scene, runs = compile_scene(pendulum(), integrator="extrapolation"), []
+    scene, runs = compile_scene(pendulum(), integrator="dop853"), []
     runs.append(simulate(scene, 0.05))
     thread = threading.Thread(target=lambda: runs.append(simulate(scene, 0.05)))
     thread.start()
@@ -132,7 +132,7 @@ def test_what_a_kernel_raises_is_raised():
 
 @pytest.mark.nojit
 def test_one_thread_serves_all_runs(handed_over):
-    scene = compile_scene(pendulum(), integrator="extrapolation")
+    scene = compile_scene(pendulum(), integrator="dop853")
     simulate(scene, 0.02)
     assert interrupt._jobs
     before = threading.active_count()
@@ -169,7 +169,7 @@ def test_a_forked_program_simulates_too(handed_over):
 @pytest.mark.nojit
 def test_what_comes_before_the_kernel_begins_leaves_no_wait(handed_over):
     """Ctrl-C between two instructions may come before the thread has been given anything."""
-    scene = compile_scene(pendulum(), integrator="extrapolation")
+    scene = compile_scene(pendulum(), integrator="dop853")
     simulate(scene, 0.02)
 
     class Interrupted:

@@ -140,7 +140,7 @@ def test_channels_of_a_floating_robot_on_the_ground():
 
 def test_where_no_channels_are_named_positions_and_velocities_are_recorded():
     """Of a base that floats too, or nobody could show where the robot is; among others that do not, the joints'."""
-    arm, thing = arm_scene(), compile_scene(box())
+    arm, thing = arm_scene(), box_on(Ground(), "ars343", None)
     recorded = [{*run.channels} - {"time"} for run in (simulate(arm, 0.02), simulate(thing, 0.02))]
     assert recorded == [{"q", "qd"}, {"q", "qd", "base_q", "base_qd"}]
     for run in simulate_batch([arm, thing], 0.02):
@@ -236,7 +236,7 @@ def test_pushes_of_a_scene_stay_with_it():
         assert np.abs(runs[0]["q"] - simulate(scene, 0.02, **how)["q"]).max() > 1e-3
 
 
-@pytest.mark.quick("rotor", "mipsd")
+@pytest.mark.quick("mipsd")
 @pytest.mark.parametrize("servos", [None, "rotor", "mipsd"])
 def test_power_is_torque_times_velocity(servos):
     scene = arm_scene(gearbox=servos)
@@ -467,7 +467,7 @@ def explosive_arm():
 
 
 def test_a_humanoid_that_is_thrown_over_fell():
-    scene = compile_scene(load_robot("humanoid"), "mipsd", Ground(), "implicit_euler", 1e-3)
+    scene = compile_scene(load_robot("humanoid"), "mipsd", Ground(), "midpoint", 1e-3)
     state = initial_state(scene)
     state[scene.layout["base_qd"]] = 2.0
     run = simulate(scene, 2.0, state, record=("base_q", "q"))

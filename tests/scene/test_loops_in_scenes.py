@@ -43,7 +43,7 @@ def four_bar(base="fixed"):
     return Model("linkage", (Link("frame", 2.0, inertia=INERTIA), *made), joints, base=base, loops=(pin,))
 
 
-@pytest.mark.quick("rk4")
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_four_bar_beside_other_robots_moves_to_the_bits_of_one_alone(integrator):
     model, plain = four_bar(), replace(four_bar("floating"), name="open", loops=())
@@ -98,7 +98,7 @@ def on_a_box(model, integrator, timestep=1e-3):
 
 
 @pytest.mark.nojit
-@pytest.mark.quick("implicit_euler")
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
 def test_a_locked_robot_that_slides_on_a_box_moves_as_one_rigid_body(integrator):
     """The loop has five rows that depend on the hinge's bearings, and its forces bear a part of the contact."""
