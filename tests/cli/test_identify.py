@@ -15,7 +15,7 @@ from featherstone_gait.robot_file import load_servo
 from featherstone_gait.robot_file.servos import servo_names
 
 PAGE = Path(__file__).parents[2] / "docs" / "tutorials" / "servo.md"
-OWN = 'law = "pd"\nKp = 2.0\nKd = 0.1\nviscous_friction = 0.01\n'
+OWN = 'law = "pd"\nKp = 2.0\nKd = 0.1\n'
 
 
 def errors(folder):
@@ -43,9 +43,9 @@ def record(path, servo, mass, length, heads=("time [ms]", "goal_deg", "note", "p
 def test_a_servo_of_ones_own_is_found_again(tmp_path, monkeypatch):
     """Without a motor, as a TOML file, from a table in milliseconds and degrees."""
     monkeypatch.chdir(tmp_path)
-    record(Path("swing.csv"), Servo(Controller("pd", Kp=3.0, Kd=0.15), viscous_friction=0.01), 0.5, 0.2)
+    record(Path("swing.csv"), Servo(Controller("pd", Kp=3.0, Kd=0.15)), 0.5, 0.2)
     Path("mine.toml").write_text(OWN)
-    record(Path("soft.csv"), Servo(Controller("pd", Kp=2.5, Kd=0.15), viscous_friction=0.01), 0.5, 0.2)
+    record(Path("soft.csv"), Servo(Controller("pd", Kp=2.5, Kd=0.15)), 0.5, 0.2)
     command = (
         "identify swing.csv --servo mine.toml --mass 0.5 --length 0.2 --fit Kp Kd --predict soft.csv:Kp=2.5 --quiet"
     )

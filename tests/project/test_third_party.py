@@ -77,10 +77,11 @@ def test_dynamics_agree_with_mujoco(model):
     assert error.max() < 1e-10
 
 
+@pytest.mark.long
 def test_it_swings_and_loses_what_damping_and_friction_take(model):
-    scene = compile_scene(model, integrator="dop853")
+    scene = compile_scene(model, integrator="rk4", timestep=1e-5)
     state = initial_state(scene, [0.3, 0.8], [2.0, 0.0])
-    run = simulate(scene, 0.3, state, record=("q", "qd", "energy"), rtol=1e-11)
+    run = simulate(scene, 0.3, state, record=("q", "qd", "energy"))
     total = energy(model, run["q"], run["qd"]).sum(axis=1)
     lost = run["energy"][..., [energies.FRICTION, energies.STOPS]].sum(axis=(1, 2))
     assert run.status == "ok"

@@ -111,7 +111,6 @@ def test_switches_of_surfaces_have_a_command_and_no_gap():
 
 @pytest.mark.long
 @pytest.mark.nojit
-@pytest.mark.quick("implicit_euler")
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "ars343"])
 def test_a_switch_that_changes_nothing_changes_no_bit_of_robots_with_servos(integrator):
     """They hold their first positions, with noise, and a loop that is open is broken where the run is cut."""

@@ -6,17 +6,7 @@ from browser import found_in
 
 from featherstone_gait.benchmark.scenes import unlimited
 from featherstone_gait.geometry.body import body
-from featherstone_gait.model import (
-    ContactPoint,
-    FloorLine,
-    Fluid,
-    Ground,
-    Immersed,
-    Joint,
-    Link,
-    Model,
-    Propeller,
-)
+from featherstone_gait.model import ContactPoint, FloorLine, Fluid, Ground, Immersed, Joint, Link, Model, Propeller
 from featherstone_gait.model.placed import Placed, SceneModel
 from featherstone_gait.model.sensor import RangeSensor
 from featherstone_gait.model.shapes import Box, Shape, Sphere
