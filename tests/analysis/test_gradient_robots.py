@@ -27,6 +27,7 @@ def one_of_each(root):
             break
 
 
+@pytest.mark.long
 def test_gradients_of_falls_of_published_robots():
     count, generator = 0, np.random.default_rng(1)
     for name, run, start in one_of_each(published.folder("example-robot-data")):

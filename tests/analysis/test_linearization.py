@@ -263,6 +263,7 @@ def test_calls_one_after_the_other_and_side_by_side_have_the_same_bits():
         assert list(pool.map(called, order)) == [fresh[which] for which in order]
 
 
+@pytest.mark.long
 def test_an_error_is_no_less_than_what_rounding_makes_of_an_entry():
     """Of a mass on a rail, which nothing holds, the matrices are [[1, h], [0, 1]] and [h^2 / m, h / m], at zero too."""
     model, _ = sliders(1, 1.0, 0.7)

@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import box
 
 from featherstone_gait.benchmark.instructions import instructions, records
 from featherstone_gait.benchmark.skip import Work, executed, free_arm, rollout
 from featherstone_gait.core.compile.jit import JIT, entry
+from featherstone_gait.model import Ground
 
 pytestmark = pytest.mark.skipif(not JIT, reason="counts compiled code")
 
@@ -66,6 +68,6 @@ def test_a_fixed_joint_is_lumped_with_nothing_left_of_it():
 
 
 def test_a_run_makes_the_steps_that_are_counted_and_no_more():
-    run, _, out = rollout(free_arm()).prepare(4)
+    run, _, out = rollout(box(), ground=Ground()).prepare(4)
     assert (run.plan.steps, run.plan.per_sample) == (4, 2)
     assert out.shape == (3, 1)

@@ -34,6 +34,7 @@ def test_bisection_says_where_there_is_no_boundary():
     assert math.isnan(largest(lambda x: False, 1e-5, 0.1)[0])
 
 
+@pytest.mark.long
 def test_one_joint_is_stable_up_to_the_limit_of_its_explicit_damper(tmp_path):
     """A joint of inertia I with a damper c moves on by v (1 - h c / I): stable while h < 2 I / c.
 

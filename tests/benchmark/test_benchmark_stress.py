@@ -13,6 +13,7 @@ def cases():
     return {case.name: case for case in scenes.stressed()}
 
 
+@pytest.mark.long
 def test_no_run_of_a_stiff_arm_is_silently_wrong(cases):
     case = cases["gains times 1, from 0.5 rad"]
     tried = [setting for setting in case.settings if setting[0] in ("implicit_euler", "midpoint", "extrapolation")]

@@ -397,6 +397,7 @@ def test_error_control_meets_the_knots_of_a_torque(integrator):
     assert run["q"][-1, 0] == pytest.approx(2.0 * 0.0198 / inertia * (0.2 - 0.0222), rel=1e-10)
 
 
+@pytest.mark.long
 def test_error_control_meets_the_knots_of_a_reference_followed_at_every_instant():
     """A stiff continuous servo is told to jump between records: a run of fixed steps much finer agrees."""
     step = Reference([0.0, 0.0105], np.stack([np.zeros(7), np.full(7, 0.02)]), "hold")
@@ -450,7 +451,7 @@ def test_the_estimate_is_saved(tmp_path):
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_a_continued_run_and_a_batch_have_the_same_bits(integrator):
-    scene = compile_scene(pendulum(damping=0.01), integrator=integrator)
+    scene = compile_scene(pendulum(damping=0.0), integrator=integrator)
     states = [initial_state(scene, [q]) for q in (0.1, 0.2, 0.3, 0.4)]
     batch = simulate_batch(scene, 0.04, states, rtol=1e-5)
     for state, run in zip(states, batch):

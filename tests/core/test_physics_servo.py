@@ -251,6 +251,7 @@ def test_backlash_and_stops_take_part_in_the_balance():
     assert residual(scene, y, run.final) < 1e-6
 
 
+@pytest.mark.quick("ars343-*")
 @pytest.mark.parametrize(("integrator", "rounding"), [("implicit_euler", 1e-15), ("ars343", 1e-13)])
 def test_meter_counts_no_regeneration(integrator, rounding):
     model = servo_arm("arm7")

@@ -99,6 +99,7 @@ def test_what_cannot_kick_is_an_error_that_names_it(scene):
         Stand(scene)
 
 
+@pytest.mark.long
 def test_a_session_has_the_bits_of_one_run_and_sees_bodies_that_are_moved_by_hand(scene):
     """A ball that is put against the foot is pushed, one that is put away is not and forgets its bristle."""
     table = postures(scene.member("robot").model.joint_names)

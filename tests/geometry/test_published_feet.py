@@ -92,6 +92,7 @@ def without_meshes(path, folder):
     return folder / "robot.xml"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "scene", "keyframe", "count", "points"), KEYFRAMES, ids=[row[0] for row in KEYFRAMES])
 def test_a_published_robot_stands_in_its_keyframe_as_high_as_in_mujoco(name, scene, keyframe, count, points, tmp_path):
     """Besides what its feet sink in; without dry friction, which creeps in MuJoCo."""

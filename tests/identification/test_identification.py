@@ -74,6 +74,7 @@ def test_exact_recordings_give_the_parameters_back(arm, exact):
     assert result.rms.max() < 1e-6
 
 
+@pytest.mark.long
 def test_a_servo_that_counts_is_found_from_any_start(arm, exact):
     """Counts make the errors a staircase.  From starts that are 3 and 1/3 of the truth the fit ends at the truth."""
     counted = changed(arm, encoder_resolution=COUNT, pwm_steps=1023.0, **TRUTH)

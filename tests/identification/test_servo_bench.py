@@ -297,7 +297,7 @@ def test_published_servos_are_what_was_published(name, constant, armature):
     assert abs(gear.ratio * servo.motor_constant / constant - 1.0) < 1e-5
     assert abs(gear.ratio**2 * gear.rotor_inertia / armature - 1.0) < 1e-5
     model = replace(pendulum(0.1, 0.1, damping=0.0), servos={"hinge": servo})
-    scene = compile_scene(model, "rotor", integrator="implicit_euler", timestep=1e-3)
+    scene = compile_scene(model, "rotor", integrator="ars343")
     run = simulate(scene, 2.0, reference=Reference([0.0, 1.0], [[0.5], [0.5]]))
     assert run.status == "ok"
     stiffness = servo.controller.Kp * constant / servo.resistance  # [N m/rad]

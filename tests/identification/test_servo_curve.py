@@ -34,7 +34,6 @@ def agrees(servo, kind):
 
 
 @pytest.mark.long
-@pytest.mark.quick("M[2-6]", "K_p")
 @pytest.mark.parametrize("name", MODELS)
 def test_steady_states_are_those_of_the_simulation(name):
     agrees(servo(name), "rotor")

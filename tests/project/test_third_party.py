@@ -77,6 +77,7 @@ def test_dynamics_agree_with_mujoco(model):
     assert error.max() < 1e-10
 
 
+@pytest.mark.long
 def test_it_swings_and_loses_what_damping_and_friction_take(model):
     scene = compile_scene(model, integrator="rk4", timestep=1e-5)
     state = initial_state(scene, [0.3, 0.8], [2.0, 0.0])

@@ -45,6 +45,7 @@ def test_the_papers_figures_are_those_that_it_prints():
     assert (found.PAPER_COST, found.PAPER_STEP, found.PAPER_CONVERGED, found.PAPER_OLD) == (-0.14, 0.13, 800, 2600)
 
 
+@pytest.mark.long
 def test_fig_9_without_a_rotor_the_arm_chatters_by_as_much_as_the_report_says():
     """Both ends of the range over the report's 32 disturbances, to the printed digits.
 
@@ -64,12 +65,14 @@ def test_fig_9_without_a_rotor_the_arm_chatters_by_as_much_as_the_report_says():
     assert set(runs.statuses) == {"chatter"}
 
 
+@pytest.mark.long
 def test_fig_10_with_mipsd_the_arm_comes_to_rest_as_the_report_says():
     """In the paper's kind of program; the seeds differ by less than the printed digits, 2 %."""
     found = solver.hold_arm(SHORT, "mipsd", solver.SolverCase.iterations, seven_joint_arm.LARGE)
     assert found.typical == pytest.approx(stored("solver_scatter", "Fig. 10", "mipsd")[0], rel=0.03)
 
 
+@pytest.mark.quick("standard")
 @pytest.mark.parametrize("gearbox", solver.GEARBOXES)
 def test_table_3_and_fig_13_the_joints_move_by_as_much_as_the_report_says(gearbox):
     """The deviations of seeds differ by up to 15 % with the standard model, by 3 % with MIPSD; rounding is 2 %."""
@@ -83,6 +86,7 @@ def planned():
     return planned_walk()
 
 
+@pytest.mark.quick("standard")
 @pytest.mark.parametrize("gearbox", solver.GEARBOXES)
 def test_fig_11_the_energy_scatters_by_as_much_as_the_report_says(planned, gearbox):
     """Deviations of 16 walks differ by some 14 %; the rule's factor of 1.3 is two of these."""

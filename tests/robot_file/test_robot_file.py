@@ -11,17 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from featherstone_gait.model import (
-    ContactPoint,
-    Controller,
-    Gearbox,
-    Joint,
-    Link,
-    Mimic,
-    Model,
-    Servo,
-    inertia_matrix,
-)
+from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Mimic, Model, Servo, inertia_matrix
 from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from featherstone_gait.robot_file import (
     RobotFileError,

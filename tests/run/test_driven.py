@@ -44,6 +44,7 @@ def test_a_force_on_a_free_body_accelerates_it_by_force_over_mass(block):
     assert free[3:].tolist() == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.long
 def test_a_held_force_is_that_of_one_run_with_the_push(block):
     push = Push("body", force=(3.0, 1.0, 4.0), point=(0.0, 0.05, 0.1))
     with Session(block, pushes=[Push("body")]) as session:

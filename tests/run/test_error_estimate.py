@@ -62,6 +62,7 @@ def test_where_stops_decide_the_steps_the_whole_difference_is_told(reach, share)
     np.testing.assert_allclose(run.error["q"], share * difference, atol=1e-12)
 
 
+@pytest.mark.long
 def test_impacts_that_a_fixed_step_cuts_short_are_seldom_passed_as_right():
     """A pendulum thrown between stops: a second opinion that is not in order counts more."""
     model, speeds = pendulum(lower=-0.3, upper=0.5), np.linspace(0.5, 12.0, 47)
@@ -300,6 +301,7 @@ def test_a_law_in_counts_is_compared_with_a_finer_run():
         assert other.rtol == pytest.approx(1e-3 if share < 1.0 else 1e-5)
 
 
+@pytest.mark.long
 def test_a_count_that_a_tenth_of_the_tolerance_misses_is_told():
     """The arm hovers at the edge of a count, where runs at 1e-5 and 1e-6 are both on the wrong side."""
     scene = compile_scene(with_servo(load_robot("ax12_arm"), "ax12", pwm_steps=1023.0), "rotor", None, "extrapolation")

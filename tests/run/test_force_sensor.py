@@ -151,7 +151,7 @@ def test_the_feet_of_a_standing_robot_bear_its_weight_and_their_switches_close()
     feet = [ForceTorqueSensor(foot, name=f"{foot}_force") for foot in ("left_foot", "right_foot")]
     switches = [ContactSensor("left_foot"), ContactSensor("right_foot", 20.0, "no"), ContactSensor("trunk", name="hit")]
     record = ("q", "base_q", "contact_force", "base_qd", "base_qdd", "qd", "qdd", *feet, *switches)
-    scene, run = standing_humanoid("implicit_euler", 30.0, record)
+    scene, run = standing_humanoid("midpoint", 30.0, record)
     model = scene.model
     poses = forward_kinematics(model, np.concatenate([run["base_q"], run["q"]], axis=1))
     borne = 0.0

@@ -20,7 +20,7 @@ TIMES = np.linspace(0.0, 1.2, 31)
 
 @pytest.fixture(scope="module")
 def scene():
-    return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "implicit_euler", 1e-3)
+    return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from featherstone_gait import (
-    ContactPoint,
     ContactSensor,
     FloorLine,
     ForceTorqueSensor,
@@ -32,15 +31,13 @@ DOWN = RangeSensor("world", [[0.0, 0.0, -1.0]], position=(0.0, 0.0, 0.5), name="
 
 @pytest.fixture(scope="module")
 def arm():
-    ground = Ground(height=-1.0, lines=(FloorLine(((0.2, -1.0), (0.2, 1.0)), 0.05),))
-    model = load_robot("ax12_arm")
-    model = replace(model, contacts=(ContactPoint(model.links[-1].name, (0.0, 0.0, 0.0)),))  # which meets nothing
-    return compile_scene(model, "mipsd", ground, integrator="midpoint", timestep=1e-3)
+    scene = compile_scene(load_robot("ax12_arm"), "mipsd", integrator="implicit_euler", timestep=1e-3)
+    return on(scene, FloorLine(((0.2, -1.0), (0.2, 1.0)), 0.05), height=-1.0)
 
 
 def on(scene, *lines, **ground):
-    """Return the scene on another ground with these lines."""
-    return scene.recompiled(ground=Ground(lines=lines, **ground))
+    """Return the scene over a ground with these lines, which sensors see and nothing meets."""
+    return replace(scene, options=scene.options._replace(ground=Ground(lines=lines, **ground)))
 
 
 def channels(q, interval=0.01):

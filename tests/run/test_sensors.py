@@ -18,7 +18,7 @@ CHANNELS = ("q", "base_q", "base_qd", "base_qdd", "contact_force")
 
 @pytest.fixture(scope="module")
 def standing():
-    scene, run = standing_humanoid("implicit_euler", 30.0, CHANNELS)
+    scene, run = standing_humanoid("midpoint", 30.0, CHANNELS)
     return scene, run, rotations(run["base_q"][-1:, 3:])[0]
 
 

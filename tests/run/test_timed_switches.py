@@ -32,6 +32,7 @@ def start_of(scene, speed=2.0):
 
 
 @pytest.mark.nojit
+@pytest.mark.quick("rk4", "dop853")
 @pytest.mark.parametrize("integrator", ["rk4", "implicit_euler", "dop853"])
 def test_carts_that_lock_at_a_time_move_on_with_their_common_speed_until_they_part(integrator):
     """They meet 0.5 m apart at 0.25 s; between two locks one of them is pushed."""
@@ -110,7 +111,6 @@ def test_switches_of_surfaces_have_a_command_and_no_gap():
 
 @pytest.mark.long
 @pytest.mark.nojit
-@pytest.mark.quick("implicit_euler")
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "ars343"])
 def test_a_switch_that_changes_nothing_changes_no_bit_of_robots_with_servos(integrator):
     """They hold their first positions, with noise, and a loop that is open is broken where the run is cut."""

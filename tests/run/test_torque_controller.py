@@ -128,17 +128,21 @@ def test_digests_tell_controllers_of_one_name_apart():
     assert lqr.digest() != lqr.beginning_with(np.ones(4)).digest()
 
 
-def test_what_does_not_fit_is_refused():
+@pytest.mark.long
+def test_what_fails_within_a_run_is_told():
     scene = compile_scene(cart_pole())
     with pytest.raises(ValueError, match=r"broken wrote inf as torque of joint hinge, command\[1, 0\], at 0\.01 s"):
         simulate(scene, 0.1, controller=broken, estimate_error=False)
     with pytest.raises(ValueError, match=r"divides failed at 0\.03 s: ZeroDivisionError"):
         simulate(scene, 0.1, controller=divides, estimate_error=False)
+
+
+def test_what_does_not_fit_is_refused():
+    scene = compile_scene(cart_pole(), integrator="rk4", timestep=1e-3)
     with pytest.raises(ValueError, match="add tau there"):
         simulate(scene, 0.1, controller=spring, tau=[1.0, 0.0], estimate_error=False)
-    coarse = compile_scene(cart_pole(), integrator="rk4", timestep=1e-3)
     with pytest.raises(ValueError, match=r"its period is 0\.0073 s"):
-        simulate(coarse, 0.1, controller=odd)
+        simulate(scene, 0.1, controller=odd)
 
 
 @pytest.mark.long

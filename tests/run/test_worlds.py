@@ -177,19 +177,21 @@ def test_scenes_that_do_not_differ_cost_what_they_did():
 # ---------------------------------------------------------------------------------------------- bits
 
 
+@pytest.mark.quick("ground")
 @pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize(
     "values",
     [
+        {"ground": {"friction": TENTH}},
         {"servos": {"resistance": TENTH, "coulomb_friction": TENTH, "Kp": Distribution("normal", 0.1, shared=True)}},
         {"links": {"mass": TENTH, "inertia": TENTH}, "gravity": [(0.0, 0.1 * k, -9.0 - 0.1 * k) for k in range(11)]},
     ],
-    ids=["servos", "links and gravity"],
+    ids=["ground", "servos", "links and gravity"],
 )
-def test_a_lane_has_the_bits_of_its_own_scene(values):
+def test_a_lane_has_the_bits_of_its_own_scene(values, humanoid):
     """Eleven runs: lanes are refilled, and idle at the end; with the JIT off few enough not to take long."""
-    scene, duration = arm(), 0.2 if JIT else 0.01
+    scene, duration = humanoid if "ground" in values else arm(), 0.2 if JIT else 0.01
     worlds = Worlds(runs=11, **values)
     references = swings(scene, 11)
     runs = simulate_batch(scene, duration, references=references, worlds=worlds, record=RECORD, **ONCE)
@@ -235,7 +237,7 @@ def alone(humanoid, everything, walks):
     return [simulate(scene, 0.6, reference=walk, **how) for scene, walk in zip(scenes, walks)]
 
 
-@pytest.mark.quick("forward", "another process")
+@pytest.mark.long
 @pytest.mark.parametrize("way", ["forward", "backward", "another process", "without refilling"])
 def test_all_numbers_at_once_on_the_ground(humanoid, everything, walks, alone, way):
     names = (*RECORD, "base_q", "contact_force")

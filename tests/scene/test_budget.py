@@ -24,7 +24,7 @@ def within(scene, duration, state, budget):
     return to_trajectory(ready, y, out)
 
 
-@pytest.mark.quick("dop853")
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_a_run_ends_when_its_steps_are_spent(integrator):
@@ -45,7 +45,7 @@ def test_a_run_ends_when_its_steps_are_spent(integrator):
 
 
 def test_a_run_that_goes_on_has_a_budget_of_its_own():
-    scene = compile_scene(pendulum(), integrator="dop853")
+    scene = compile_scene(pendulum(damping=0.0), integrator="dop853")
     first = simulate(scene, 1.0, initial_state(scene, [1.0]), rtol=1e-6)
     assert within(scene, 0.05, first, first.info["steps"] // 2).ok
 
@@ -53,7 +53,7 @@ def test_a_run_that_goes_on_has_a_budget_of_its_own():
 @pytest.mark.long
 def test_the_budget_is_minutes_of_computing(monkeypatch):
     """And as many more a simulated second: an hour at a millisecond is within it."""
-    plans = [prepare(compile_scene(pendulum(), integrator="dop853"), T).plan for T in (1.0, 3600.0)]
+    plans = [prepare(compile_scene(pendulum(damping=0.0), integrator="dop853"), T).plan for T in (1.0, 3600.0)]
     assert plans[0].budget == pytest.approx(2.02e6)
     assert plans[1].budget > 3600.0 / 1e-3
     monkeypatch.setattr(prepare_module, "BUDGET", 10.0)

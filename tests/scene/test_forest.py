@@ -62,9 +62,8 @@ def recorded(scene):
     return [name for name in RECORD if scene.part(name)[1] > scene.part(name)[0]]
 
 
-@pytest.mark.parametrize(
-    "integrator", ["implicit_euler", *(pytest.param(x, marks=pytest.mark.long) for x in ("midpoint", "rk4"))]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
 def test_at_fixed_steps_each_moves_to_the_bits_of_one_alone(integrator):
     scene = company(gearbox="mipsd", integrator=integrator, timestep=1e-3)
     run = simulate(scene, 0.3, estimate_error=False, record=RECORD)
@@ -193,8 +192,8 @@ def test_a_run_is_saved_and_goes_on(tmp_path):
     read = Trajectory.load(tmp_path / "run")
     assert np.array_equal(read["ball"]["base_q"], half["ball"]["base_q"])
     assert np.array_equal(simulate(scene, 0.2, read, estimate_error=False).final, whole.final)
-    again = simulate(scene.member("ball").scene, 0.2, read["ball"], estimate_error=False)
-    assert np.array_equal(again["base_q"], simulate(scene, 0.2, read, estimate_error=False)["ball"]["base_q"])
+    again = simulate(scene.member("box").scene, 0.2, read["box"], estimate_error=False)
+    assert np.array_equal(again["base_q"], simulate(scene, 0.2, read, estimate_error=False)["box"]["base_q"])
 
 
 @pytest.mark.long

@@ -60,8 +60,8 @@ def totals(run, members):
     return sum(energy(*state).total for state in states), sum(momentum(*state) for state in states)
 
 
+@pytest.mark.long
 @pytest.mark.nojit
-@pytest.mark.quick("rk4")
 @pytest.mark.parametrize("integrator", ["rk4", "dop853", "ars343"])
 def test_two_free_bodies_that_a_weld_joins_move_as_one_rigid_body(integrator):
     """The runs without JIT are short; energy and momentum are those of the fall."""
@@ -192,6 +192,7 @@ def test_joined_bodies_in_lanes_have_the_bits_of_each_alone(integrator):
     assert len({run.final.tobytes() for run in runs}) == len(runs)
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_a_box_that_is_caught_moves_on_with_the_common_momentum_until_it_is_let_go():
     cube = Box((0.1, 0.1, 0.1))

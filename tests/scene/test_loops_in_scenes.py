@@ -28,6 +28,7 @@ from featherstone_gait import (
     switch_loop,
 )
 
+pytestmark = pytest.mark.long
 ONCE = {"estimate_error": False}
 Y, INERTIA = (0.0, 1.0, 0.0), (0.01, 0.001, 0.0, 0.012, 0.0, 0.009)
 INTEGRATORS = ("implicit_euler", "midpoint", "rk4", "ars343", "dop853", "extrapolation")
@@ -43,7 +44,6 @@ def four_bar(base="fixed"):
     return Model("linkage", (Link("frame", 2.0, inertia=INERTIA), *made), joints, base=base, loops=(pin,))
 
 
-@pytest.mark.quick("rk4")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_four_bar_beside_other_robots_moves_to_the_bits_of_one_alone(integrator):
     model, plain = four_bar(), replace(four_bar("floating"), name="open", loops=())
@@ -98,7 +98,6 @@ def on_a_box(model, integrator, timestep=1e-3):
 
 
 @pytest.mark.nojit
-@pytest.mark.quick("implicit_euler")
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
 def test_a_locked_robot_that_slides_on_a_box_moves_as_one_rigid_body(integrator):
     """The loop has five rows that depend on the hinge's bearings, and its forces bear a part of the contact."""
@@ -117,7 +116,6 @@ def test_a_locked_robot_that_slides_on_a_box_moves_as_one_rigid_body(integrator)
     assert np.abs(locked.state.q).max() < 1e-12
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["ars343", "dop853", "extrapolation"])
 def test_error_control_sees_a_locked_robot_on_a_box_as_one_rigid_body(integrator):
     ends = []
@@ -130,7 +128,6 @@ def test_error_control_sees_a_locked_robot_on_a_box_as_one_rigid_body(integrator
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-7)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
 def test_robots_with_loops_in_lanes_have_the_bits_of_each_alone(integrator):
     """Some touch the box, some fall beside it, so that trees are solved together in a lane and alone in another."""
@@ -168,7 +165,6 @@ def gripper():
     return Model("gripper", tuple(links), tuple(joints), loops=tuple(loops), shapes=tuple(shapes))
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["implicit_euler", "ars343"])
 def test_a_gripper_of_two_parallelograms_holds_a_box_by_friction_and_lets_it_fall(integrator):
     """Each crank presses with its torque by the length of the crank; friction bears half of the weight."""

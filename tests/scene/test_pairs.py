@@ -261,18 +261,15 @@ def test_points_of_an_obstacle_are_those_of_the_ground(shape, points):
 
 def test_a_box_rests_on_an_obstacle_exactly_as_deep_as_on_the_ground():
     cube, depth = body(CUBE, 2.0, name="cube"), 1e-3
-    table = obstacle(Box((1.0, 1.0, 0.2)), "table", (0.0, 0.0, -0.1))
-    how = dict(integrator="implicit_euler", timestep=1e-3)
-    scene = SceneModel("x", [Placed(cube, position=(0.0, 0.0, 0.05))], [table], gravity=(0.0, 0.0, -G))
-    ends = [
-        simulate(compile_scene(one, **how, **more), 1.0, estimate_error=False)["cube"]["base_q"][-1]
-        for one, more in (
-            (replace(scene, pairs=PairContact(penetration=depth)), {}),
-            (replace(scene, ground=Ground(penetration=depth), obstacles=()), {}),
-        )
-    ]
-    assert ends[0][2] == pytest.approx(0.05 - depth, abs=1e-9)
-    assert np.abs(ends[0] - ends[1]).max() < 1e-9
+    table = obstacle(Box((1.0, 1.0, 0.2)), "table", (0.0, 0.0, 0.1))
+    bodies = [Placed(cube, "high", (0.0, 0.0, 0.25)), Placed(cube, "low", (2.0, 0.0, 0.05))]
+    bodies.append(Placed(body(Cylinder(0.05, 0.1), 2.0), "can", (4.0, 0.0, 0.05)))
+    touch = PairContact(penetration=depth, load=2.0)
+    scene = SceneModel("x", bodies, [table], ground=Ground(penetration=depth), pairs=touch)
+    run = simulate(compile_scene(scene, integrator="implicit_euler", timestep=1e-3), 1.0, estimate_error=False)
+    high, low = (run[name]["base_q"][-1] for name in ("high", "low"))
+    assert high[2] == pytest.approx(0.25 - depth, abs=1e-9)
+    assert np.abs(high - low - [-2.0, 0.0, 0.2, *np.zeros(4)]).max() < 1e-9
 
 
 def test_a_pair_is_as_stiff_as_all_that_may_rest_on_it_or_the_load_asks_for():
@@ -455,16 +452,19 @@ def test_a_box_that_slides_over_an_edge_rests_with_its_weight_until_it_tips():
     turned = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
     box = Placed(body(Box((0.2, 0.2, 0.2)), 1.0), "box", (start, 0.0, 0.1 - 1e-4), turned)
     table = obstacle(Box((1.0, 1.0, 0.1)), "table", (0.0, 0.0, -0.05))
-    contact = PairContact(penetration=1e-4, friction=friction)
-    scene = compile_scene(SceneModel("edge", [box], [table]), pairs=contact, timestep=1e-3)
+    contact = PairContact(penetration=1e-4, friction=friction, load=1.0)
+    ball = Placed(body(Sphere(0.1), 1.0, name="ball"), position=(0.0, 0.0, -9.0))
+    low = Ground(height=-10.0)
+    scene = compile_scene(SceneModel("edge", [box, ball], [table], low), pairs=contact, timestep=1e-3)
     state = initial_state(scene, None, {"box": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)})
     record = ("base_q", "pair_force", "pair_normal_force", "pair_work")
     run = simulate(scene, 0.4, state, record=record, record_interval=1e-3, estimate_error=False)
     normal = run["pair_normal_force"].sum(axis=1)
     braking = -run["pair_force"].reshape(len(normal), -1, 3).sum(axis=1)[:, 0]
-    on = (run["base_q"][:, 0] < 0.495) & (run["time"] > 2e-3)
+    way = run["box"]["base_q"]
+    on = (way[:, 0] < 0.495) & (run["time"] > 2e-3)
     assert on.sum() > 100
     assert normal[on] == pytest.approx(9.81, rel=0.1)
     assert braking[on] == pytest.approx(friction * normal[on], rel=0.07)
     assert np.diff(run["pair_work"][:, 0]).max() <= 0.0
-    assert run["base_q"][-1, 2] < -0.05  # it falls past the table
+    assert way[-1, 2] < -0.05  # it falls past the table

@@ -9,13 +9,7 @@ import pytest
 from scipy.optimize import rosen
 
 from featherstone_gait.reproduction.search_methods import differential_evolution, dual_annealing, inverted
-from featherstone_gait.search import (
-    AdaptiveSimulatedAnnealing,
-    cma_es,
-    minimize,
-    run,
-    run_together,
-)
+from featherstone_gait.search import AdaptiveSimulatedAnnealing, cma_es, minimize, run, run_together
 from featherstone_gait.search.generations import FALLEN, Generations
 
 ENDLESS = dict(max_iterations=10**6, no_progress=10**6)

@@ -12,6 +12,7 @@ import numpy as np
 
 import featherstone_gait as fg
 from featherstone_gait import identification, search, walking
+from featherstone_gait.benchmark.scenes import unlimited
 from featherstone_gait.run import sensors
 
 # What is made by other functions and only read, and what is no function.
@@ -241,7 +242,8 @@ def _scenes() -> Iterator[Call]:
     touching = {"model": replace(company(), pairs="all"), "pairs": [["arm", "ball/body"]], "timestep": 1e-3}
     yield Call("compile_scene", fg.compile_scene, touching)
     yield Call("initial_state", fg.initial_state, {"scene": both, "q": {"ball": [0, 0, 1, 1, 0, 0, 0]}, "qd": {}})
-    close = fg.compile_scene(replace(company(), pairs="all"), timestep=1e-3)
+    free = fg.Placed(unlimited(robot))
+    close = fg.compile_scene(replace(company(), members=(free, company().members[1]), pairs="all"), timestep=1e-3)
     seen = fg.RangeSensor("arm/b", [[1.0, 0.0, 0.0]])
     run = fg.simulate(close, 0.01, estimate_error=False)
     yield Call("ranges", fg.ranges, {"scene": close, "trajectory": run, "sensor": seen})

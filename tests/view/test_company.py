@@ -4,18 +4,9 @@ import numpy as np
 import pytest
 from browser import found_in
 
+from featherstone_gait.benchmark.scenes import unlimited
 from featherstone_gait.geometry.body import body
-from featherstone_gait.model import (
-    ContactPoint,
-    FloorLine,
-    Fluid,
-    Ground,
-    Immersed,
-    Joint,
-    Link,
-    Model,
-    Propeller,
-)
+from featherstone_gait.model import ContactPoint, FloorLine, Fluid, Ground, Immersed, Joint, Link, Model, Propeller
 from featherstone_gait.model.placed import Placed, SceneModel
 from featherstone_gait.model.sensor import RangeSensor
 from featherstone_gait.model.shapes import Box, Shape, Sphere
@@ -32,7 +23,7 @@ TURNED = (0.0, 0.0, 0.0, 1.0)
 
 
 def four():
-    arm = load_robot("arm7")
+    arm = unlimited(load_robot("arm7"))
     members = (
         Placed(arm, "left", (0.0, 0.5, 0.0)),
         Placed(arm, "right", (0.0, -0.5, 0.2), TURNED),

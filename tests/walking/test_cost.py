@@ -138,7 +138,7 @@ def test_a_robot_that_cannot_stand_is_refused(cost):
 
 def test_ice_makes_the_feet_slip(cost, vectors):
     model = cost.scene.model
-    slippery = replace(cost, scene=compile_scene(model, "mipsd", Ground(friction=0.15), "implicit_euler", 1e-3))
+    slippery = replace(cost, scene=compile_scene(model, "mipsd", Ground(friction=0.15), "midpoint", 1e-3))
     (rough,), (smooth,) = cost.measure(vectors[:1]), slippery.measure(vectors[:1])
     assert smooth.status != "ok" or smooth.slip > 2.0 * rough.slip
 

@@ -179,15 +179,12 @@ def test_what_is_called_in_python_does_what_is_compiled(walk, scene):
 
 
 def test_feedback_keeps_a_robot_up_that_falls_without(scene):
-    """A push of 0.5 N s to the left, at four phases of the stride; and rough ground costs less with it."""
-    walk = read_walk(BALANCED, scene.model.joint_names)
-    fallen = {}
-    for act in (False, True):
-        fallen[act] = 0
-        for k in range(8):
-            begin = walk.begin(1) + 0.08 * k
-            push = Push(scene.model.root, (0.0, 5.5, 0.0), (0.0,) * 3, (0.0,) * 3, begin, begin + 0.1)
-            fallen[act] += run(scene, walk, 5, act, pushes=[push], record=()).status == "fell"
+    """Over six strides across slopes, down to the left and to the right."""
+    walk, fallen = read_walk(BALANCED, scene.model.joint_names), {False: 0, True: 0}
+    for degrees in (-3.0, -2.5, -1.5, -0.5, 0.5, 1.5, 2.5, 3.0):
+        there = scene.recompiled(ground=Ground(slope=math.radians(degrees), heading=0.5 * math.pi))
+        for act in fallen:
+            fallen[act] += run(there, walk, 6, act, record=()).status == "fell"
     assert fallen[True] < fallen[False]
 
 

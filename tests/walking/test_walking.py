@@ -44,6 +44,7 @@ def test_all_feet_leave_the_ground_and_bear_the_weight_in_turn(cost):
     assert force.sum(axis=1).mean() == pytest.approx(weight, rel=0.01)
 
 
+@pytest.mark.quick("midpoint-*")
 @pytest.mark.parametrize(("integrator", "timestep"), [("implicit_euler", 2.5e-4), ("midpoint", 2.5e-4)])
 def test_smaller_steps_and_another_integrator_walk_the_same(cost, integrator, timestep):
     model, x = cost.scene.model, cost.gait.to_vector()

@@ -95,6 +95,7 @@ def test_a_knee_behind_a_parallelogram_walks_at_the_cost_of_one_that_is_driven_d
     assert rods.cost == pytest.approx(direct.cost, rel=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gearbox", ["mipsd", "rotor"])
 def test_mujoco_moves_a_knee_behind_a_parallelogram_as_this_package(robots, gearbox):
     pytest.importorskip("mujoco")
