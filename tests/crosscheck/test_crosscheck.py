@@ -449,7 +449,7 @@ def test_the_command_prints_a_table_and_works_in_processes(gait_file, tmp_path, 
     options = ["--floors", "10ms_0.9,20ms_0.9", "--soles", "spheres", "--strides", "1", "--timestep", "1e-3"]
     assert cli.main(["crosscheck", str(gait_file), "--out", str(tmp_path), *options]) == 0
     shown = capsys.readouterr()
-    assert shown.err == ""  # bars are for terminals
+    assert all(line.startswith("compiling ") for line in shown.err.splitlines())  # bars are for terminals
     assert "in MuJoCo it walks 1 strides on 2 of 2 floors" in shown.out
     table = json.loads((tmp_path / "humanoid_gait_crosscheck.json").read_text("utf-8"))
     assert [row["floor"] for row in table["floors"]] == ["10ms_0.9", "20ms_0.9"]
