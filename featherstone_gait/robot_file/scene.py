@@ -84,7 +84,7 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
         report.raise_problems(path)
         scene = SceneModel(
             content.name, members, obstacles, content.ground, content.gravity, tuple(content.excluded),
-            report.notes(), str(path), content.pairs, content.loops, content.fluid,
+            report.notes(), str(path), content.pairs, content.loops, content.fluid, frictions=content.frictions,
         )  # fmt: skip
     report.warn(path, stacklevel=2)
     return scene
