@@ -114,6 +114,44 @@ def test_two_geoms_have_the_friction_that_mujoco_takes(tmp_path, case, bench):
     assert in_mujoco(tmp_path / "saved.xml") == pytest.approx(theirs, abs=LEAST)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_all_pairs_of_random_geoms_have_the_friction_that_mujoco_takes(tmp_path, seed):
+    """Margins are so wide that all contacts are there; by the names of bodies, which have one geom each."""
+    random = np.random.default_rng(seed)
+    bodies, pairs = [], []
+    for k in range(16):
+        mu, torsional, rolling = random.choice([0.05, 0.3, 1.0, 2.0], 3) * [1.0, 0.1, 0.01]
+        rank, kind = random.choice([0, 0, 0, 1, 2]), random.choice([1, 3, 3, 4, 6])
+        stated = f'friction="{mu} {torsional} {rolling}" condim="{kind}" priority="{rank}"'
+        joint = "<freejoint/>" if k < 10 else ""
+        bodies.append(f'<body name="x{k}" pos="{k} 0 0">{joint}<geom name="x{k}" size=".1" {stated}/></body>')
+    for one, two in {tuple(sorted(random.choice(10, 2, replace=False).tolist())) for _ in range(8)}:
+        kind, mu = random.choice([1, 3, 4, 6]), random.choice([0.1, 0.7])
+        stated = f'condim="{kind}" friction="{mu} {mu} {0.02 * mu} {0.001 * mu} {0.001 * mu}"'
+        pairs.append(f'<pair geom1="x{one}" geom2="x{two}" {stated}/>')
+    path = tmp_path / "scene.xml"
+    path.write_text(f"<mujoco><worldbody>{''.join(bodies)}</worldbody><contact>{''.join(pairs)}</contact></mujoco>")
+    m = mujoco.MjModel.from_xml_path(str(path))
+    m.geom_margin[:] = m.pair_margin[:] = m.body_margin[:] = 100.0
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    theirs = {}
+    for contact in d.contact:
+        names = frozenset(m.geom(g).name for g in (contact.geom1, contact.geom2))
+        theirs[names] = np.where(contact.dim >= np.array([3, 4, 6]), contact.friction[[0, 2, 3]], 0.0)
+    scene = load_scene(path, strict=True)
+    save_scene(scene, tmp_path / "saved.xml")
+    for one in (scene, load_scene(tmp_path / "saved.xml", strict=True)):
+        compiled = compile_scene(one, pairs="all")
+        table, turning = compiled.constants.pairs.pairs, compiled.constants.pairs.turning
+        ours = np.stack([table.friction, turning.torsional, turning.rolling], axis=1)
+        found = {frozenset(link.split("/")[0] for link in pair): row for pair, row in zip(compiled.pairs, ours)}
+        assert found.keys() == theirs.keys()
+        assert len(found) == 105
+        for names, row in found.items():
+            assert row == pytest.approx(theirs[names], abs=LEAST), names
+
+
 def test_friction_of_a_class_is_that_of_its_geoms(tmp_path):
     path = written(tmp_path, "", 'class="ice"')
     ice = '<geom friction=".2"/><default class="ice"><geom friction=".04" condim="4"/></default>'
@@ -217,6 +255,19 @@ def test_a_file_that_states_no_friction_of_saved_shapes_keeps_their_friction(tmp
     (tmp_path / "one.xml").write_text(re.sub(r'(condim|friction)="[^"]*" (?=condim|friction|/)', "", text))
     shapes = [placed.model.shapes[0] for placed in load_scene(tmp_path / "one.xml").all]
     assert [(shape.friction, shape.priority) for shape in shapes] == [(0.4, None), (None, None)]
+
+
+@pytest.mark.parametrize(
+    "data", ["1", "[1]", '{"ball/shape0": 1}', '{"ball/shape0": [1, 2]}', '{"ball/shape0": [-1, 0, 0]}']
+)
+def test_frictions_of_a_file_that_are_none_are_refused(tmp_path, data):
+    save_scene(wall_and_ball(), tmp_path / "one.xml")
+    text = (tmp_path / "one.xml").read_text()
+    changed = re.sub(r'(featherstone_gait_frictions" )data="[^"]*"', rf"\1data='{data}'", text)
+    assert changed != text
+    (tmp_path / "one.xml").write_text(changed)
+    with pytest.raises(RobotFileError, match="friction"):
+        load_scene(tmp_path / "one.xml")
 
 
 # ---------------------------------------------------------------------------------------------- what is not read
