@@ -69,6 +69,7 @@ from .model import Via as Via
 from .model import Wrap as Wrap
 from .model import stairs as stairs
 from .model.pair_contact import PairContact as PairContact
+from .model.pair_friction import PairFriction as PairFriction
 from .model.placed import Placed as Placed
 from .model.placed import SceneModel as SceneModel
 from .model.rest_posture import nearest_posture as nearest_posture

@@ -296,7 +296,8 @@ def digest(case: Case) -> str:
     parts = [case.state[slice(*place)].tolist() for name, place in sorted(scene.parts.items()) if name in STARTING]
     r = case.reference
     signal = r and (r.times, r.values, r.kind, r.cyclic)
-    company = (scene.obstacles, scene.excluded, scene.options.pairs) if scene.pairs else ()
+    company: tuple[Any, ...] = (scene.obstacles, scene.excluded, scene.options.pairs) if scene.pairs else ()
+    company += (scene.frictions,) if scene.frictions else ()
     torques = () if case.tau is None else (case.tau.tolist(),)
     with np.printoptions(threshold=sys.maxsize, precision=17):
         text = in_full(

@@ -48,7 +48,7 @@ def body(
     center_of_mass : sequence of float, optional
         Center of mass (3,) in the shape's frame [m].
     friction : float, optional
-        Coefficient of friction with the ground [-]; None: that of the `Ground`.
+        Coefficient of friction [-]; None: with the ground that of the `Ground`, between bodies that of `PairContact`.
     torsional_friction, rolling_friction : float, optional
         Coefficients of the moments between bodies that resist spinning and rolling [m]; None: those of `PairContact`.
         On the ground the rolling one counts alone, and None is 0.

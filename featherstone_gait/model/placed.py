@@ -18,6 +18,7 @@ from .ground import Ground
 from .links import Vector
 from .loop import Loop
 from .pair_contact import GROUND, NONE, PAIR_REMEDY, PairContact, PairWord, name_pairs, pair_contact
+from .pair_friction import PairFriction, shape_names
 from .robot import Model
 from .sensor import SampledSensor, Sensor, check_sensors
 
@@ -129,6 +130,8 @@ class SceneModel:
         The fluid around the members.
     sensors : tuple of sensors
         Sensors on links "name/link" of members, or of the "world".
+    frictions : tuple of PairFriction
+        Friction between shapes, in place of what follows from the two; of several that fit, the last one counts.
 
     Raises
     ------
@@ -150,6 +153,7 @@ class SceneModel:
     loops: tuple[Loop, ...] = ()
     fluid: Fluid | None = None
     sensors: tuple[Sensor | SampledSensor, ...] = ()
+    frictions: tuple[PairFriction, ...] = ()
 
     def __repr__(self) -> str:
         named = [f"{len(self.members)} members ({quoted(m.name for m in self.members)})"] if self.members else []
@@ -199,6 +203,16 @@ class SceneModel:
         wanted = pair_contact(self.pairs)
         if wanted is not None and not isinstance(wanted.select, str):
             _check_names("pairs", wanted.select, {*links, *(placed.name for placed in self.all), GROUND})
+        self._check_frictions()
+
+    def _check_frictions(self) -> None:
+        frictions = tuple(listed("scene: frictions", self.frictions, "give a list of PairFriction"))
+        for one in frictions:
+            instance("scene: frictions", one, PairFriction, 'give PairFriction("cup", "table", friction=0.3)')
+        if frictions:
+            known = {name for at in self.all for one in at.model.shapes for name in shape_names(at.name, one)}
+            _check_names("frictions", ((one.a, one.b) for one in frictions), {*known, GROUND})
+        object.__setattr__(self, "frictions", frictions)
 
     @property
     def all(self) -> tuple[Placed, ...]:

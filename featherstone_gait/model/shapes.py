@@ -11,13 +11,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..base.arguments import floats, instance, is_real, shown, vector
+from ..base.arguments import floats, instance, is_real, shown, vector, whole
 from ..base.brief import brief
 from .checks import check, friction_flaws, number_flaws
 from .ground import HeightField
 from .surface import Surface
 
 Vector = tuple[float, float, float]
+MOST = 2**31 - 1  # priority
 
 
 class _Round:
@@ -163,12 +164,16 @@ class Shape:
     name : str
         Name; may be empty.
     friction : float or None
-        Coefficient of friction with the ground [-]; None: that of the `Ground`.
+        Coefficient of friction [-]; None: with the ground that of the `Ground`, between bodies that of the
+        `PairContact`.
     torsional_friction, rolling_friction : float or None
         Coefficients of the moments between bodies, as in `PairContact` [m]; None: those of the `PairContact`.  Contact
         points that come from a sphere, capsule or cylinder take the rolling one to the ground.
     surface : Surface or None
         How its surface moves on the link; None: it rests.
+    priority : int or None
+        How coefficients of two shapes combine, where both have a priority: those of the higher one count, and of
+        equal ones the larger, as in MuJoCo.  None: `friction` counts as a geometric mean.
     """
 
     link: str
@@ -180,6 +185,7 @@ class Shape:
     torsional_friction: float | None = None
     rolling_friction: float | None = None
     surface: Surface | None = None
+    priority: int | None = None
 
     __repr__ = brief
 
@@ -197,6 +203,9 @@ class Shape:
             if getattr(self, name) is not None:
                 remedy = "give the largest moment by the normal force, or None"
                 check(number_flaws(what, name, getattr(self, name), ">= 0", "m", remedy))
+        if self.priority is not None:
+            remedy = "give a whole number, or None"
+            object.__setattr__(self, "priority", whole(f"{what}: priority", self.priority, -MOST, remedy, MOST))
         _freeze(self, what, "xyz", "rpy")
 
 

@@ -84,7 +84,7 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
         report.raise_problems(path)
         scene = SceneModel(
             content.name, members, obstacles, content.ground, content.gravity, tuple(content.excluded),
-            report.notes(), str(path), content.pairs, content.loops, content.fluid,
+            report.notes(), str(path), content.pairs, content.loops, content.fluid, frictions=content.frictions,
         )  # fmt: skip
     report.warn(path, stacklevel=2)
     return scene
@@ -154,10 +154,11 @@ def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:
 
     Bodies and joints are named "name/link" and "name/joint".  In MuJoCo all shapes touch each other that are neither
     neighbors nor `excluded`, whatever `pairs` says, which is written for `load_scene` alone; those of links without
-    contact points touch the ground if bodies touch each other at all.  Comments say what the file lacks of each model,
-    as those of `save_robot` do; the ground gives way as under the heaviest member.  Contact points that are not those
-    of a shape become small spheres and flat cylinders.  Every keyframe of a member becomes one of the scene, in which
-    the others stand where they start, or as their keyframe of that name says.
+    contact points touch the ground if bodies touch each other at all.  MuJoCo takes the larger friction of two shapes,
+    also where this package takes the geometric mean.  Comments say what the file lacks of each model, as those of
+    `save_robot` do; the ground gives way as under the heaviest member.  Contact points that are not those of a shape
+    become small spheres and flat cylinders.  Every keyframe of a member becomes one of the scene, in which the others
+    stand where they start, or as their keyframe of that name says.
 
     Parameters
     ----------

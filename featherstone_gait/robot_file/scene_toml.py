@@ -31,7 +31,7 @@
     length = 0.1
     mass = 0.2
     friction = 0.5
-    rolling_friction = 0.001             # also torsional_friction; obstacles have these two as well
+    rolling_friction = 0.001             # also torsional_friction; obstacles have these three as well
 
     [[obstacles]]                        # never move
     name = "table"
@@ -39,6 +39,11 @@
     size = [0.8, 0.8, 0.02]
     position = [0.5, 0.0, 0.7]
     surface = {velocity = [0.5, 0.0, 0.0], drive = "belt"}   # fields of Surface; objects have it as well
+
+    [[frictions]]                        # fields of PairFriction: in place of what follows from the two
+    a = "cup"
+    b = "table"
+    friction = 0.3
 
     [[loops]]                            # fields of Loop: between links of two robots or objects, or one and the world
     name = "grip"
@@ -58,6 +63,7 @@ from typing import Any, cast
 from ..geometry.body import body
 from ..model import FloorLine, Fluid, Ground, Loop, Model
 from ..model.pair_contact import PairContact, PairWord
+from ..model.pair_friction import FIELDS, PairFriction
 from ..model.placed import OF_SCENE, Placed, SceneModel
 from .load import load_robot
 from .report import Report
@@ -84,10 +90,11 @@ from .toml import (
     vector,
 )
 
-TOP = ("name", "gravity", "excluded", "pairs", "ground", "fluid", "robots", "objects", "obstacles", "loops")
+TOP = (
+    "name", "gravity", "excluded", "pairs", "ground", "fluid", "robots", "objects", "obstacles", "frictions", "loops",
+)  # fmt: skip
 PLACE = ("name", "position", "orientation", "rpy")
 OF_ROBOT = ("file", "base", "locked", "contacts", "gearbox", "ground_contact", "servos")
-MOMENTS = ("torsional_friction", "rolling_friction")
 PLANAR = ("velocity", "center")  # of the ground, two numbers each
 NO_SERVOS = "none"  # as a gearbox
 PAIRS = 'write "all", "none", or [["robot/hand", "cup"], ...]'
@@ -109,8 +116,9 @@ def read_scene_toml(path: Path, strict: bool) -> SceneModel:
         found |= {"pairs": _touching(table)} if "pairs" in table else {}
     with problems.at(table, "ground"):
         found["ground"] = _ground(table_of(table, "ground", "")) if "ground" in table else None
-    with problems.at(table, "loops"):
-        found |= {"loops": records_of(Loop, table["loops"], "loops")} if "loops" in table else {}
+    for key, kind in (("loops", Loop), ("frictions", PairFriction)):
+        with problems.at(table, key):
+            found |= {key: records_of(kind, table[key], key)} if key in table else {}
     with problems.at(table, "fluid"):
         found["fluid"] = record(Fluid, table_of(table, "fluid", ""), "fluid") if "fluid" in table else None
     placed: dict[str, list[Placed]] = {"robots": [], "objects": [], "obstacles": []}
@@ -216,15 +224,14 @@ def _solid(row: dict[str, Any], what: str, folder: Path) -> Placed:
     moves = what.startswith("objects")
     kind = kind_of(row, what)
     own = tuple(f.name for f in fields(kind))
-    of_mass = ("mass", "inertia", "center_of_mass", "friction") if moves else ()
-    check_keys(row, (*PLACE, "shape", *own, *of_mass, *MOMENTS, "surface"), what)
+    of_mass = ("mass", "inertia", "center_of_mass") if moves else ()
+    check_keys(row, (*PLACE, "shape", *own, *of_mass, *FIELDS, "surface"), what)
     geometry = beside(geometry_of(kind, row, what), folder)
     given: dict[str, Any] = {"name": string(row, "name", what)}
     if moves:
         given["mass"] = number(row, "mass", what)
-        given |= {"friction": number(row, "friction", what)} if "friction" in row else {}
         given |= {key: _numbers(row, key, what) for key in ("inertia", "center_of_mass") if key in row}
-    given |= {key: number(row, key, what) for key in MOMENTS if key in row}
+    given |= {key: number(row, key, what) for key in FIELDS if key in row}
     given |= {"surface": surface(row, "surface", what)} if "surface" in row else {}
     return _placed(row, what, body(geometry, base="floating" if moves else "fixed", **given))
 

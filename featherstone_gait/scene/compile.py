@@ -23,6 +23,7 @@ from ..core.step.closure import Loops
 from ..core.step.context import Scene
 from ..model import Controller, Fluid, Ground, Loop, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, PairWord, pair_contact
+from ..model.pair_friction import PairFriction
 from ..model.placed import Placed, SceneModel, check_scene_loops, link_name
 from ..model.sensor import RESERVED, WORLD, SampledSensor, Sensor
 from ..model.tendon import ball_limit, spring_tendon
@@ -68,6 +69,8 @@ class CompiledScene:
         Shapes that never move.
     excluded : tuple of (str, str)
         Links that do not touch each other.
+    frictions : tuple of PairFriction
+        Friction between shapes, in place of what follows from the two.
     touching : Touching
         Which bodies may touch each other, and what is left out.
     constants : Scene
@@ -108,6 +111,7 @@ class CompiledScene:
     members: tuple[Member, ...] = ()
     obstacles: tuple[Placed, ...] = ()
     excluded: tuple[tuple[str, str], ...] = ()
+    frictions: tuple[PairFriction, ...] = ()
     touching: Touching = NOTHING
     own_sensors: tuple[Sensor | SampledSensor, ...] = ()  # of a scene of several, those of no robot
 
@@ -151,8 +155,9 @@ class CompiledScene:
         both = zip(self.members, models)
         placed = [replace(one.placed, model=new, **places.get(one.name, {})) for one, new in both]
         return SceneModel(
-            self.model.name, tuple(placed), self.obstacles, excluded=self.excluded, sensors=self.own_sensors
-        )
+            self.model.name, tuple(placed), self.obstacles, excluded=self.excluded, sensors=self.own_sensors,
+            frictions=self.frictions,
+        )  # fmt: skip
 
     @property
     def timestep(self) -> float:
@@ -423,7 +428,7 @@ def compile_scene(
         own = GRAVITY if model.gravity is None else model.gravity
         options = options._replace(ground=ground or model.ground, gravity=own if gravity is GRAVITY else gravity)
         options = options._replace(fluid=fluid or model.fluid)
-        scene = _compile_members(model.members, options, model.obstacles, model.excluded)
+        scene = _compile_members(model.members, options, model.obstacles, model.excluded, model.frictions)
         return replace(scene, own_sensors=model.sensors) if model.sensors else scene
     return _compile_members(model, options)
 
@@ -523,6 +528,7 @@ def _compile_members(
     options: SceneOptions,
     obstacles: tuple[Placed, ...] = (),
     excluded: tuple[tuple[str, str], ...] = (),
+    frictions: tuple[PairFriction, ...] = (),
 ) -> CompiledScene:
     """Compile several models: each alone, then all tables one after the other."""
     given, options = options, _implicit(options)
@@ -538,7 +544,7 @@ def _compile_members(
     _check_ticks(members)
     _check_drives("scene", [one.model for one in members], decisive.sampled)
     options = options._replace(gravity=members[0].scene.options.gravity)
-    touching, tree = build_pairs(members, obstacles, excluded, joined_tree(members), options)
+    touching, tree = build_pairs(members, obstacles, excluded, joined_tree(members), options, frictions)
     model = joined_model(members, some((member.name for member in members), 4, " and "), options.loops)
     loops = _loops(joined_loops(members, tree, options.loops), tree)
     pairs = no_pairs(tree) if touching.table is None and options.loops else touching.table  # joined trees are an island
@@ -570,6 +576,7 @@ def _compile_members(
         members=tuple(members),
         obstacles=obstacles,
         excluded=excluded,
+        frictions=frictions,
         touching=touching,
     )  # fmt: skip
 

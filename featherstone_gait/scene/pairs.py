@@ -9,8 +9,8 @@ without contact points touch the ground with their shapes.
 penetration), and Hunt and Crossley's damping d = 2 zeta / sqrt(g penetration), as points on the ground have (see
 contact.py).  m is the stated load, else all that may come to rest on the pair: the mass of its trees and of all that
 these can touch directly or through others, without roots that are fixed.  N is 1 for spheres, 2 for capsules, 4 else.
-The tangential damping is that of the reduced mass of the two.  The coefficient of friction is the geometric mean of
-those of the two shapes, in place of which the scene's stands where one has none.  On the ground a shape has the numbers
+The tangential damping is that of the reduced mass of the two.  The coefficients of friction are those that the scene
+states of the two shapes, else follow from theirs (see model/pair_friction.py).  On the ground a shape has the numbers
 that a point of its link would have, for the weight of its own tree.
 """
 
@@ -32,6 +32,7 @@ from ..geometry.mesh import hull_excess
 from ..model import Ground, HeightField, Joint
 from ..model.numpy_dynamics import link_poses
 from ..model.pair_contact import ALL, GROUND, PairContact
+from ..model.pair_friction import Frictions, PairFriction, shape_names
 from ..model.placed import SEPARATOR, Placed, link_name
 from ..model.rest_posture import nearest_posture, standing_keyframe
 from ..model.shapes import Box, Capsule, Mesh, Shape, Sphere
@@ -97,6 +98,11 @@ class Solid(NamedTuple):
         return HalfSpace if isinstance(self.shape, HalfSpace) else type(self.shape.geometry)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names that the shape goes by."""
+        return (GROUND,) if isinstance(self.shape, HalfSpace) else shape_names(self.of, self.shape)
+
+    @property
     def is_surface(self) -> bool:
         """Return whether the shape is a half space or a height field, two of which have no distance."""
         return self.kind in (HalfSpace, HeightField)
@@ -116,6 +122,7 @@ def build_pairs(
     excluded: Sequence[tuple[str, str]],
     tree: Tree,
     options: SceneOptions,
+    frictions: Sequence[PairFriction] = (),
 ) -> tuple[Touching, Tree]:
     """Return the pairs that the options ask for, and the joined tree with workspace rows for all bodies of pairs.
 
@@ -133,6 +140,8 @@ def build_pairs(
     bodies = tree.bodies
     table, tree, own_rows = _with_rows(_table(solids, chosen), tree, _with_points(members))
     shapes = _shapes(solids)
+    rubs = _coefficients(table, solids, options, frictions)
+    table.friction = rubs[:, 0]
     _fill_law(table, solids, shapes, tree, options)
     reach, radius = _bounds(solids, shapes, tree, [joint for one in members for joint in one.model.moving_joints])
     enough = LEAST_POINTS + _piled(table, tree) + _near_points(table, shapes, members, tree, options)
@@ -143,7 +152,7 @@ def build_pairs(
         )
     margin = max(option.penetration, options.ground.penetration if _has_ground(solids) and options.ground else 0.0)
     room = np.array([slots, min(slots, max(MOST, 3 * len(trees_of(tree))))])
-    turning = _turning(table, solids, shapes, option)
+    turning = _turning(table, shapes, rubs[:, 1], rubs[:, 2])
     outside = np.zeros(len(radius), np.int64)
     for one, other in ((table.tree_a, table.tree_b), (table.tree_b, table.tree_a)):
         outside[one[(one != other) & (one != WORLD)]] = 1
@@ -388,15 +397,13 @@ def _common(parent: np.ndarray, a: int, b: int) -> int:
 def _fill_law(
     table: np.recarray, solids: Sequence[Solid], shapes: Shapes, tree: Tree, options: SceneOptions
 ) -> None:
-    """Fill stiffness, damping and friction of each pair; the ground's are those that it has for points."""
+    """Fill stiffness and damping of each pair; the ground's are those that it has for points."""
     option, ground, g = options.pairs, options.ground, options.g or EARTH
     assert option is not None
     on_ground = np.array([solid.link == GROUND for solid in solids])[table.b]
     load = _resting(table, tree, on_ground) if option.load is None else np.full(len(table), option.load)
     points, reduced = _carrying(table, shapes), _reduced(table, tree)
     depth, ratio = np.full(len(table), option.penetration), np.full(len(table), option.damping_ratio)
-    both = zip(table.a.tolist(), table.b.tolist())
-    table.friction = [_friction(solids[a], solids[b], option, ground) for a, b in both]
     if ground is not None:
         depth[on_ground], ratio[on_ground] = ground.penetration, ground.damping_ratio
     table.stiffness = k = load * g / (points * depth)
@@ -405,18 +412,30 @@ def _fill_law(
     table.tangential_damping = 2.0 * np.maximum(ratio, 0.1) * np.sqrt(k * reduced / points)
 
 
+def _coefficients(
+    table: np.recarray, solids: Sequence[Solid], options: SceneOptions, stated: Sequence[PairFriction]
+) -> np.ndarray:
+    """Return the coefficients (pairs, 3) of sliding [-], spinning and rolling [m] of each pair."""
+    assert options.pairs is not None
+    frictions, ground = Frictions(stated, options.pairs), options.ground.friction if options.ground else 0.0
+    found = []
+    for a, b in ((solids[row.a], solids[row.b]) for row in table):
+        if b.link == GROUND:
+            found.append(frictions.on_ground(a.names, a.shape, ground))
+        else:
+            found.append(frictions.of((a.names, b.names), a.shape, b.shape))
+    return np.array(found)
+
+
 def _turning(
-    table: np.recarray, solids: Sequence[Solid], shapes: Shapes, option: PairContact
+    table: np.recarray, shapes: Shapes, torsional: np.ndarray, rolling: np.ndarray
 ) -> np.recarray | None:
     """Return the resistance to rolling and spinning, None where no pair has any.
 
     Its springs and dampers are those of friction at the distance to which the smaller shape reaches.
     """
     found, lever = records(len(table), TURNING), np.minimum(shapes.table.bound[table.a], shapes.table.bound[table.b])
-    for field, name in (("torsional", "torsional_friction"), ("rolling", "rolling_friction")):
-        own = [getattr(solid.shape, name, None) for solid in solids]
-        stated = np.array([getattr(option, name) if one is None else one for one in own])
-        found[field] = np.maximum(stated[table.a], stated[table.b])
+    found.torsional, found.rolling = torsional, rolling
     found.tangential_stiffness = table.tangential_stiffness * lever * lever
     found.tangential_damping = table.tangential_damping * lever * lever
     return found if (found.torsional > 0.0).any() or (found.rolling > 0.0).any() else None
@@ -441,15 +460,6 @@ def _carrying(table: np.recarray, shapes: Shapes) -> np.ndarray:
     low = np.minimum(one, two)
     on_field = np.where(low == POINT, 1, np.where(low == SEGMENT, 2, CARRYING))
     return np.where(field, on_field, np.minimum(table.slots, CARRYING))
-
-
-def _friction(a: Solid, b: Solid, option: PairContact, ground: Ground | None) -> float:
-    """Return the geometric mean of two shapes' friction; with the ground it is the shape's, else the ground's."""
-    one = getattr(a.shape, "friction", None)
-    if b.link == GROUND:
-        return ground.friction if one is None and ground is not None else one or 0.0
-    other = getattr(b.shape, "friction", None)
-    return math.sqrt((option.friction if one is None else one) * (option.friction if other is None else other))
 
 
 def _resting(table: np.recarray, tree: Tree, on_ground: np.ndarray) -> np.ndarray:

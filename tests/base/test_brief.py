@@ -42,6 +42,7 @@ def of_models(robot: fg.Model) -> Iterator[Any]:
     yield from (fg.ForceTorqueSensor("trunk"), fg.ContactSensor("trunk", 0.1))
     yield from (fg.FloorLine([(0.01 * k, 0.0) for k in range(300)]), fg.SampledSensor("q", noise=[0.1] * 300))
     yield from (fg.Spring("trunk", "left_foot", stiffness=100.0), fg.PairContact([("trunk", "left_foot")] * 300))
+    yield fg.PairFriction("robot/trunk", "robot/left_foot", 0.3, rolling_friction=1e-3)
     yield from (fg.Box((1.0, 1.0, 1.0)), fg.Sphere(0.1), fg.Capsule(0.1, 0.2), fg.Cylinder(0.1, 0.2))
     yield from (fg.Placed(robot), fg.SceneModel("many", [fg.Placed(robot, f"robot {k}") for k in range(300)]))
     yield from (fg.Hull(corners), fg.Mesh("folder/" * 40 + "trunk.stl"), fg.Shape("trunk", fg.Hull(corners)))

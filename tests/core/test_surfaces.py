@@ -208,9 +208,7 @@ def test_belts_and_grounds_of_mjcf_move_bodies_as_in_mujoco(tmp_path):
     (tmp_path / "belts.xml").write_text(text)
     scene = load_scene(tmp_path / "belts.xml")
     assert scene.ground == Ground(1.0, velocity=(0.2, -0.1), turning=0.7, center=(0.3, 0.2))
-    members = [replace(one, model=_with_friction(one.model)) for one in scene.members]
-    still = [replace(one, model=_with_friction(one.model)) for one in scene.obstacles]
-    compiled = compile_scene(replace(scene, members=members, obstacles=still), pairs="all")
+    compiled = compile_scene(scene, pairs="all")
     run = simulate(compiled, 0.5, record=("base_q", "base_qd"), rtol=1e-7, estimate_error=False)
     machine = mujoco.MjModel.from_xml_path(str(tmp_path / "belts.xml"))
     data = mujoco.MjData(machine)
@@ -225,12 +223,6 @@ def test_belts_and_grounds_of_mjcf_move_bodies_as_in_mujoco(tmp_path):
     arm = place - [[1.0, 0.5], [0.3, 0.2]]
     field = np.array([first, [0.2, -0.1]]) + turn[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
     np.testing.assert_allclose(ours[:, :2], field, atol=1e-4)
-
-
-def _with_friction(model):
-    """Return a model whose shapes and contact points have the friction 0.4, which MJCF states of two geoms at once."""
-    shapes = tuple(replace(one, friction=0.4) for one in model.shapes)
-    return replace(model, shapes=shapes, contacts=tuple(replace(one, friction=1.0) for one in model.contacts))
 
 
 @pytest.mark.parametrize(

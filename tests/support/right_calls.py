@@ -155,6 +155,7 @@ def _parts() -> Iterator[Call]:
         fg.Shape("a", fg.Sphere(1.0)),
         fg.Placed(box(), "lid box", (0.0, 1.0)),
         fg.PairContact((("lid box", "ground"),), load=1.0, max_points=8),
+        fg.PairFriction("lid box", "ground", 0.5, 0.01, 0.001),
         company(),
         fg.Distribution("normal", 0.1),
         fg.Worlds(3, servos={"Kp": fg.Distribution("uniform", 0.1)}, gravity=(0.0, 0.0, -9.81)),

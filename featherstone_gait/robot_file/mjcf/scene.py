@@ -21,6 +21,7 @@ from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ...model import Controller, Fluid, Ground, Joint, Loop, Servo, Surface
 from ...model.pair_contact import GROUND, NONE, PairContact, PairWord
+from ...model.pair_friction import PairFriction
 from ...model.placed import SEPARATOR, link_name
 from ...model.shapes import Shape
 from ..report import Report
@@ -29,11 +30,12 @@ from .actuators import read_actuators
 from .causes import doubts, gravity_of, notes, refusals
 from .equalities import Line, couplings
 from .fluids import fluid_of, read_immersed
+from .frictions import Own, friction_doubts, friction_of, friction_on_floor, own_frictions, pair_frictions, slack_notes
 from .loops import equality_names, joining_loops, read_loops
 from .read import compiled, held_by, name_of, postures_of
 from .sizes import documents_of
 from .tendons import read_tendons, taken
-from .touching import FRICTIONLESS, collisions, excluded_bodies, links_apart, meets, paired_geoms
+from .touching import collisions, links_apart, paired_geoms
 from .tree import (
     GEOMS,
     HFIELD,
@@ -42,7 +44,6 @@ from .tree import (
     Tree,
     geometry_of,
     height_field,
-    moments_of,
     moving_trees,
     names_of,
     rounded,
@@ -54,6 +55,7 @@ from .tree import (
 )
 
 NO_CONTACT = 1 << 4  # mjtDisableBit, of <flag>
+ONE_CONTACT = 1 << 0  # mjtEnableBit
 OBSTACLE = "body"  # the one link of an obstacle
 STEEP = 1e-6  # cosine of the tilt of a plane that is a wall
 
@@ -64,7 +66,7 @@ class Part(NamedTuple):
     robot: Robot
     position: tuple[float, float, float]
     orientation: tuple[float, ...]  # quaternion w x y z
-    touching: tuple[Shape, ...]  # of its shapes, those that touch the ground
+    touching: tuple[Shape, ...]  # of its shapes, those that touch the ground, with their friction there
 
 
 class Content(NamedTuple):
@@ -79,13 +81,14 @@ class Content(NamedTuple):
     pairs: PairWord | tuple[tuple[str, str], ...] | PairContact  # what does, if `save_scene` has written it
     loops: tuple[Loop, ...]  # between members
     fluid: Fluid | None
+    frictions: tuple[PairFriction, ...]
 
 
 class Solids(NamedTuple):
     """The geoms that touch something."""
 
     shapes: dict[int, Shape]  # by geom, in the frame of its body, without a link
-    friction: dict[int, float | None]  # with the ground, of those that touch it; None is the ground's
+    friction: dict[int, tuple[float | None, float | None]]  # sliding, rolling on the ground; None is the ground's
     collide: np.ndarray  # (n, n) whether two of them touch each other, in the order of `shapes`
 
 
@@ -110,7 +113,8 @@ def read_scene(path: Path, report: Report) -> Content:
     floor = _floor(m, report)
     ground = None if floor is None else _ground(m, floor)
     stated = any("friction" in pair.attrib for root in documents.values() for pair in root.iter("pair"))
-    solids = _solids(m, floor, stated, report)
+    pairs, unranked = _pairs(documents.values()), own_frictions(documents.values())
+    solids = _solids(m, floor, stated, unranked, report)
     prefixes = _prefixes(m)
     owners: dict[int, str] = {}  # link in the scene of each geom
     members, obstacles, taken, trees = [], [], list[str](), dict[int, tuple[str, Tree]]()
@@ -136,14 +140,28 @@ def read_scene(path: Path, report: Report) -> Content:
         owners[g] = link_name(name, OBSTACLE)
     for sentence in (*notes(m, everything), *remarks):
         report.remark(sentence)
-    pairs = _pairs(documents.values())
     if solids.collide.any() and pairs == NONE:
         report.remark('bodies touch the ground alone, unless compile_scene is given pairs="all"')
     still = [link_name(part.robot.name, OBSTACLE) for part in obstacles]
     excluded, loops = _excluded(solids, owners, still), joining_loops(m, trees, equality_names(m))
     return Content(
-        name_of(m, path), members, obstacles, ground, gravity_of(m), excluded, pairs, loops, fluid_of(m)
-    )
+        name_of(m, path), members, obstacles, ground, gravity_of(m), excluded, pairs, loops, fluid_of(m),
+        _frictions(m, solids, owners, floor, report),
+    )  # fmt: skip
+
+
+def _frictions(
+    m: Any, solids: Solids, owners: Mapping[int, str], floor: int | None, report: Report
+) -> tuple[PairFriction, ...]:
+    """Return the frictions of two shapes that do not follow from theirs; report what of their contact is not read."""
+    bodies = [g for g, row in zip(solids.shapes, solids.collide) if row.any()]
+    low = [*solids.friction, *([] if floor is None else [floor])]
+    for sentence in friction_doubts(m, [*bodies, *low]):
+        report.doubt(sentence)
+    for sentence in slack_notes(m, bodies):
+        report.remark(sentence)
+    names = {g: link_name(owners[g], shape.name) for g, shape in solids.shapes.items()}
+    return tuple(pair_frictions(m, solids.shapes, solids.collide, names))
 
 
 def _pairs(documents: Iterable[Element]) -> PairWord | tuple[tuple[str, str], ...] | PairContact:
@@ -170,6 +188,8 @@ def _between_trees(m: Any, mimics: Mapping[int, Line], names: list[str]) -> Iter
 
 
 def _switched_off(m: Any) -> Iterator[str]:
+    if m.opt.enableflags & ONE_CONTACT:
+        yield "ignored the <flag> that overrides the numbers of all contacts: they keep those of geoms and pairs"
     if m.opt.disableflags & NO_CONTACT:
         yield "ignored the <flag> that switches off contacts: they stay active"
     mocap = [m.body(b).name or str(b) for b in range(m.nbody) if m.body_mocapid[b] >= 0]
@@ -220,7 +240,7 @@ def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Rep
         name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree),
         loops=loops, tendons=read_tendons(m, tree, drives, top), immersed=read_immersed(m, tree, top),
     )  # fmt: skip
-    touching = tuple(shape for g, shape in shapes.items() if g in solids.friction)
+    touching = tuple(_on_ground(shape, *solids.friction[g]) for g, shape in shapes.items() if g in solids.friction)
     return Part(robot, vector(m.body_pos[top]), tuple(m.body_quat[top].tolist()), touching)
 
 
@@ -236,7 +256,7 @@ def _obstacle(m: Any, top: int, name: str, geoms: list[int], solids: Solids) -> 
         r, E = (r, E) if top else (np.zeros(3), np.eye(3))
         surface = shape.surface and _in_frame(m, g, shape.surface, E, r)
         shapes.append(
-            replace(shape, link=OBSTACLE, xyz=vector(r), rpy=rpy_from_rotation(E), friction=None, surface=surface)
+            replace(shape, link=OBSTACLE, xyz=vector(r), rpy=rpy_from_rotation(E), surface=surface)
         )
     position, quaternion = (m.body_pos[top], m.body_quat[top]) if top else (m.geom_pos[geoms[0]], m.geom_quat[geoms[0]])
     robot = Robot(name, (), (), tuple(shapes), "fixed")
@@ -253,10 +273,14 @@ def _in_frame(m: Any, g: int, surface: Surface, E: np.ndarray, r: np.ndarray) ->
 # ---------------------------------------------------------------------------------------------- shapes
 
 
-def _solids(m: Any, floor: int | None, stated: bool, report: Report) -> Solids:
+def _on_ground(shape: Shape, friction: float | None, rolling: float | None) -> Shape:
+    return replace(shape, friction=friction, rolling_friction=rolling)
+
+
+def _solids(m: Any, floor: int | None, stated: bool, own: Own, report: Report) -> Solids:
     """Find the geoms that touch something, which touch the ground, and which each other.
 
-    stated: whether the file states a friction of a <pair>.
+    stated: whether the file states a friction of a <pair>; own: the friction that `save_scene` has written.
     """
     paired = paired_geoms(m)
     alone = {g for pair in paired for g in pair}
@@ -271,39 +295,18 @@ def _solids(m: Any, floor: int | None, stated: bool, report: Report) -> Solids:
             left.setdefault(GEOMS[m.geom_type[g]], []).append(names[g])
             continue
         rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
-        shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, names[g], None, *moments_of(m, g))
-        shapes[g] = replace(shapes[g], surface=surface_of(m, g, names[g]))
+        numbers, priority = friction_of(m, g, own)
+        surface = surface_of(m, g, names[g])
+        shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, names[g], *numbers, surface, priority)
     for sentence in rounded(m, shapes, names):
         report.remark(sentence)
     for kind, geoms in left.items():
         report.doubt(f"ignored geoms {quoted(geoms)} of type {kind}, which no shape is")
-    friction = {g: mu for g in shapes if m.body_weldid[m.geom_bodyid[g]] for mu in _on_floor(m, g, floor, stated)}
-    for g, mu in friction.items():
-        shapes[g] = replace(shapes[g], friction=mu)
+    moving = [g for g in shapes if m.body_weldid[m.geom_bodyid[g]]]
+    friction = {g: mu for g in moving for mu in friction_on_floor(m, g, floor, stated)}
+    if own.old:
+        shapes |= {g: replace(shapes[g], friction=mu) for g, (mu, _) in friction.items()}
     return Solids(shapes, friction, collisions(m, [*shapes], paired))
-
-
-def _on_floor(m: Any, g: int, floor: int | None, stated: bool) -> Iterator[float | None]:
-    """Yield the friction of a geom with the ground, None for the ground's own; nothing if it does not touch it.
-
-    MuJoCo takes what the <pair> of the two says, else that of the geom of higher priority, else the larger one.
-    """
-    if floor is None:
-        if meets(m, g, None):
-            yield None
-        return
-    for k in range(m.npair):
-        if {int(m.pair_geom1[k]), int(m.pair_geom2[k])} == {g, floor}:
-            yield 0.0 if m.pair_dim[k] == FRICTIONLESS else float(m.pair_friction[k, 0]) if stated else None
-            return
-    if not meets(m, g, floor) or (int(m.geom_bodyid[floor]), int(m.geom_bodyid[g])) in excluded_bodies(m):
-        return
-    both = [g, floor]
-    highest = max(m.geom_priority[both])
-    acting = [k for k in both if m.geom_priority[k] == highest]
-    mu = max(float(m.geom_friction[k, 0]) for k in acting)
-    mu = 0.0 if max(m.geom_condim[acting]) == FRICTIONLESS else mu
-    yield None if mu == float(m.geom_friction[floor, 0]) else mu
 
 
 def _excluded(solids: Solids, owners: Mapping[int, str], still: list[str]) -> list[tuple[str, str]]:

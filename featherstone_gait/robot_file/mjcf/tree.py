@@ -22,6 +22,7 @@ from .equalities import Line
 
 WORLD = "world"
 PAIRS = "featherstone_gait_pairs"  # name of the <text> that says which bodies touch each other
+FRICTIONS = "featherstone_gait_frictions"  # and of that with the friction of shapes that have no priority
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)  # mjtGeom
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")

@@ -22,13 +22,15 @@ from ...geometry.contact_choice import contact_points, lowest_levels
 from ...model import ContactPoint, Ground, Loop, Model
 from ...model.numpy_dynamics import zero_position
 from ...model.pair_contact import GROUND, PairContact, pair_contact
+from ...model.pair_friction import Frictions, shape_names
 from ...model.placed import SEPARATOR, Placed, SceneModel, link_name
 from ...model.rest_posture import nearest_posture, standing_keyframe
 from ...model.shapes import Shape
 from .loops import loop_lines, rod_lines, site_lines
-from .tree import PAIRS, WORLD, unused
+from .tree import FRICTIONS, PAIRS, WORLD, unused
 from .write import mjcf_text
-from .write_geoms import field_lines, floor_lines, pair_lines
+from .write_frictions import contact_of, friction_pairs, geoms_of, unranked, write_friction
+from .write_geoms import FLOOR, field_lines, floor_lines, pair_lines
 
 # Attributes with a name of the model's:
 REFERENCES = (
@@ -44,7 +46,7 @@ class Written(NamedTuple):
 
     model: Model  # its shapes all named; its contact points are those that no shape has
     root: Element  # of the file of this model alone
-    touching: tuple[Shape, ...]  # the shapes that touch the ground
+    touching: tuple[Shape, ...]  # the shapes that touch the ground, with their friction there
     body: Element  # the first body, at its place
     beside: list[Element]  # what a floating model has in the world: ends of tendons and loops
 
@@ -63,7 +65,7 @@ def scene_text(scene: SceneModel) -> str:
     options = {} if scene.gravity is None else {"gravity": _numbers(scene.gravity)}
     SubElement(root, "option", options | ({"cone": "elliptic"} if scene.ground else {}))
     if scene.ground is not None:
-        root.extend(_ground(scene.ground, max(scene.members, key=lambda placed: placed.model.mass).model, sections))
+        root.extend(_ground(scene, scene.ground, sections))
     for placed, part in zip(scene.all, parts):
         pairs = _pairs(part, placed, scene.ground)
         for tag in SECTIONS:
@@ -72,6 +74,9 @@ def scene_text(scene: SceneModel) -> str:
                 _rename(element, placed.name, REFERENCES)
             sections[tag].extend(found)
         sections["contact"].extend(pairs)
+    geoms = [geom for placed, part in zip(scene.all, parts) for geom in geoms_of(placed, part.model.shapes)]
+    written = [name for geom in sections["worldbody"].iter("geom") if (name := geom.get("name", FLOOR)) != FLOOR]
+    sections["contact"].extend(friction_pairs(scene, geoms, written))
     bodies = {body.get("name", "") for part in parts for body in part.body.iter("body")}
     for one, two in scene.excluded:
         if {one, two} <= bodies:
@@ -80,8 +85,10 @@ def scene_text(scene: SceneModel) -> str:
     if hinges := [loop.name for loop in scene.loops if loop.kind == "hinge"]:
         remark = f"MJCF has no hinge among its loops; wrote two points of the axis of {', '.join(hinges)}"
         root.insert(0, Comment(f" {remark} "))
+    custom = SubElement(root, "custom")
     if pair_contact(scene.pairs) is not None:
-        SubElement(SubElement(root, "custom"), "text", name=PAIRS, data=_stated(scene.pairs))
+        SubElement(custom, "text", name=PAIRS, data=_stated(scene.pairs))
+    SubElement(custom, "text", name=FRICTIONS, data=unranked(geoms, written))
     root.extend(section for section in sections.values() if len(section))
     _write_keys(root, scene.members, parts)
     indent(root)
@@ -163,17 +170,26 @@ def _written(placed: Placed, scene: SceneModel, on_ground: set[str]) -> Written:
     model = placed.model
     names: list[str] = []
     for k, shape in enumerate(model.shapes):
-        names.append(unused(shape.name or f"shape{k}", names))
+        names.append(unused(shape.name or f"shape{k}", [FLOOR, *names]))
     shapes = tuple(replace(shape, name=name) for shape, name in zip(model.shapes, names))
     contacts = model.contacts if placed.ground_contact and placed not in scene.obstacles else ()
-    touching = tuple(shape for shape in shapes if shape.link in on_ground or _touches(shape, contacts))
+    found = _on_points(shapes, contacts)
+    touching = tuple(
+        found.get(shape.name) or _with_friction(shape, placed, scene)
+        for shape in shapes
+        if shape.name in found or shape.link in on_ground
+    )
     covered = {_place(point) for shape in touching for point in contact_points([shape])}
     left = tuple(point for point in contacts if _place(point) not in covered)
     model = replace(model, shapes=shapes, contacts=left)
     if placed.gearbox is None:
         model = replace(model, servos={})
     root, place = _parsed(mjcf_text(model)), _position(placed, scene.ground)
-    return Written(model, root, touching, *_body(root, replace(placed, position=place), model, touching))
+    body, beside = _body(root, replace(placed, position=place), model, touching)
+    own = {shape.name: shape for shape in shapes}
+    for geom in (geom for geom in body.iter("geom") if geom.get("name") in own):
+        write_friction(geom, own[geom.attrib["name"]], contact_of(scene))
+    return Written(model, root, touching, body, beside)
 
 
 def _position(placed: Placed, ground: Ground | None) -> tuple[float, float, float]:
@@ -194,16 +210,34 @@ def _position(placed: Placed, ground: Ground | None) -> tuple[float, float, floa
 
 
 def _place(point: ContactPoint) -> ContactPoint:
-    return replace(point, load_bearing=True)
+    return replace(point, load_bearing=True, friction=None, rolling_friction=0.0)
 
 
-def _touches(shape: Shape, contacts: tuple[ContactPoint, ...]) -> bool:
-    """Return whether the contact points are those of a shape, among others."""
-    try:
-        own = contact_points([shape]) if contacts else ()
-    except (ValueError, ImportError):  # a mesh that cannot be read
-        own = ()
-    return bool(own) and {*map(_place, own)} <= {*map(_place, contacts)}
+def _on_points(shapes: Iterable[Shape], contacts: tuple[ContactPoint, ...]) -> dict[str, Shape]:
+    """Return the shapes, by name, whose contact points are there with one friction, which they get."""
+    rubs: dict[ContactPoint, set[tuple[float | None, float]]] = {}
+    for point in contacts:
+        rubs.setdefault(_place(point), set()).add((point.friction, point.rolling_friction))
+    found = {}
+    for shape in shapes if contacts else ():
+        try:
+            own = {*map(_place, contact_points([shape]))}
+        except (ValueError, ImportError):  # a mesh that cannot be read
+            continue
+        numbers = {each for point in own for each in rubs.get(point, ())}
+        if own <= rubs.keys() and len(numbers) == 1:
+            mu, rolling = numbers.pop()
+            found[shape.name] = replace(shape, friction=mu, rolling_friction=rolling or None)
+    return found
+
+
+def _with_friction(shape: Shape, placed: Placed, scene: SceneModel) -> Shape:
+    """Return a shape that touches the ground without contact points, with its friction there."""
+    names = shape_names(placed.name, shape)
+    if scene.ground is None or (shape.priority is None and not scene.frictions):
+        return shape
+    mu, _, rolling = Frictions(scene.frictions, contact_of(scene)).on_ground(names, shape, scene.ground.friction)
+    return replace(shape, friction=mu, rolling_friction=rolling or None)
 
 
 def _body(
@@ -235,11 +269,15 @@ def _body(
     return body, beside
 
 
-def _ground(ground: Ground, model: Model, sections: dict[str, Element]) -> list[Any]:
-    """Write the ground, which gives way as under one model; return what is left out of it."""
-    lines, left = floor_lines(model, ground)
+def _ground(scene: SceneModel, ground: Ground, sections: dict[str, Element]) -> list[Any]:
+    """Write the ground, which gives way as under the heaviest member; return what is left out of it.
+
+    Its priority is above that of all shapes: those with a friction of their own there get a <pair>.
+    """
+    lines, left = floor_lines(max(scene.members, key=lambda placed: placed.model.mass).model, ground)
+    ranks = [shape.priority or 0 for placed in scene.all for shape in placed.model.shapes]
     (floor,) = _parsed("\n".join(["<floor>", *lines, "</floor>"]))
-    floor.attrib.update(contype="0", conaffinity="1")
+    floor.attrib.update(contype="0", conaffinity="1", priority=str(1 + max([0, *ranks])))
     sections["worldbody"].append(floor)
     sections["asset"].extend(_parsed("\n".join(["<assets>", *field_lines(ground), "</assets>"])))
     return [Comment(f" {sentence} ") for sentence in left]

@@ -1,0 +1,164 @@
+"""Read which friction the geoms of an MJCF file have with each other.
+
+MuJoCo takes the numbers of a <pair> of the two geoms.  Else it takes condim and friction of the geom of higher
+priority, of equal ones the larger number of each.  condim says which of the numbers count: none if it is 1, sliding
+from 3 on, spinning from 4 on, rolling from 6 on.  A shape gets those numbers of its geom that count, and the geom's
+priority.  Where two shapes give other numbers than MuJoCo takes, the friction of the two is stated by itself.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple, TypeAlias
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ...base.flaws import quoted
+from ...model.pair_friction import PairFriction
+from ...model.shapes import Shape
+from .touching import FRICTIONLESS, excluded_bodies, meets
+from .tree import FRICTIONS, PAIRS, moments_of, names_of
+
+SLIDES, SPINS, ROLLS = COUNTS = (3, 4, 6)  # condim from which on they count
+USUAL = {"solref": (0.02, 1.0), "solimp": (0.9, 0.95, 0.001, 0.5, 2.0), "solreffriction": (0.0, 0.0)}  # MuJoCo's
+Numbers: TypeAlias = tuple[float | None, float | None, float | None]  # of sliding, spinning and rolling
+
+
+class Own(NamedTuple):
+    """Friction that `save_scene` has written of shapes that have no priority."""
+
+    stated: Mapping[str, Numbers]  # by geom
+    old: bool  # no geom has a priority: save_scene has written the file before it wrote friction
+
+
+def own_frictions(documents: Iterable[Element]) -> Own:
+    """Return what `save_scene` has written of shapes without priority; raise ValueError if it is none."""
+    texts = {each.get("name"): each.get("data", "") for root in documents for each in root.iter("text")}
+    if FRICTIONS not in texts:
+        return Own({}, PAIRS in texts)
+    try:
+        found = json.loads(texts[FRICTIONS])
+        return Own({name: (mu, torsional, rolling) for name, (mu, torsional, rolling) in found.items()}, False)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ValueError(f"<text name={FRICTIONS!r}> states no frictions of geoms: {error}; remove it") from error
+
+
+def friction_of(m: Any, g: int, own: Own) -> tuple[Numbers, int | None]:
+    """Return the numbers of a geom that count, and its priority."""
+    if (name := m.geom(g).name) in own.stated:
+        return own.stated[name], None
+    if own.old:
+        return (None, *moments_of(m, g)), None
+    mu = 0.0 if m.geom_condim[g] == FRICTIONLESS else float(m.geom_friction[g, 0])
+    return (mu, *moments_of(m, g)), int(m.geom_priority[g])
+
+
+def friction_on_floor(m: Any, g: int, floor: int | None, stated: bool) -> Iterator[tuple[float | None, float | None]]:
+    """Yield the coefficients of sliding and rolling of a geom with the ground; nothing if it does not touch it.
+
+    None is the ground's own.  stated: whether the file states a friction of a <pair>, which then is no ground's.
+    """
+    if floor is None:
+        if meets(m, g, None):
+            yield None, moments_of(m, g)[1]
+        return
+    usual = float(m.geom_friction[floor, 0])
+    for k in range(m.npair):
+        if {int(m.pair_geom1[k]), int(m.pair_geom2[k])} == {g, floor}:
+            mu, _, rolling = _of_pair(m, k)
+            yield None if mu == usual and not stated else mu, rolling or None
+            return
+    if meets(m, g, floor) and (int(m.geom_bodyid[floor]), int(m.geom_bodyid[g])) not in excluded_bodies(m):
+        (mu, _, rolling), *_ = _combined(m, np.array([g]), np.array([floor])).tolist()
+        yield None if mu == usual else mu, rolling or None
+
+
+def _of_pair(m: Any, k: int) -> tuple[float, float, float]:
+    """Return the numbers of a <pair> that count; of two directions the first."""
+    mu, torsional, rolling = np.where(m.pair_dim[k] >= np.array(COUNTS), m.pair_friction[k, [0, 2, 3]], 0.0).tolist()
+    return mu, torsional, rolling
+
+
+def _combined(m: Any, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the numbers (pairs, 3) that MuJoCo takes for two geoms each, without those that do not count."""
+    kinds = _stronger(m, one, other, m.geom_condim[:, None])
+    return np.where(kinds >= np.array(COUNTS), _stronger(m, one, other, m.geom_friction), 0.0)
+
+
+def _stronger(m: Any, one: np.ndarray, other: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the values (pairs, n) of the geoms of higher priority, of equal ones the larger."""
+    a, b, rank = values[one], values[other], (m.geom_priority[one] - m.geom_priority[other])[:, None]
+    return np.where(rank > 0, a, np.where(rank < 0, b, np.maximum(a, b)))
+
+
+def pair_frictions(
+    m: Any, shapes: Mapping[int, Shape], collide: np.ndarray, names: Mapping[int, str]
+) -> list[PairFriction]:
+    """Return the frictions of pairs of geoms that do not follow from those of their shapes.
+
+    collide: (n, n) whether two of them touch each other; names: what the shapes are called in the scene.
+    """
+    geoms = np.array([*shapes], int)
+    ranked = [g for g, shape in shapes.items() if shape.priority is not None]
+    one, two = (geoms[at] for at in np.nonzero(np.triu(collide, 1)))
+    usual = np.isin(one, ranked) & np.isin(two, ranked) & ~_joined(m, one, two)
+    one, two = one[usual], two[usual]
+    numbers = np.zeros((m.ngeom, 3))
+    for g, shape in shapes.items():
+        numbers[g] = [shape.friction or 0.0, shape.torsional_friction or 0.0, shape.rolling_friction or 0.0]
+    found = _combined(m, one, two)
+    other = (found != _stronger(m, one, two, numbers)).any(axis=1)
+    stated = dict(zip(zip(one[other].tolist(), two[other].tolist()), found[other].tolist()))
+    for k, both in enumerate(zip(m.pair_geom1.tolist(), m.pair_geom2.tolist())):
+        if {*both} <= shapes.keys():
+            stated[min(both), max(both)] = _of_pair(m, k)
+    return [PairFriction(names[a], names[b], *friction) for (a, b), friction in stated.items()]
+
+
+def _joined(m: Any, one: np.ndarray, two: np.ndarray) -> np.ndarray:
+    """Return which geoms are of one body, or of a body and its parent, which do not touch in MuJoCo."""
+    a, b = (m.body_weldid[m.geom_bodyid[g]] for g in (one, two))
+    above, below = (m.body_weldid[m.body_parentid[x]] for x in (a, b))
+    return (a == b) | (((above == b) | (below == a)) & (a > 0) & (b > 0))
+
+
+def friction_doubts(m: Any, geoms: Iterable[int]) -> Iterator[str]:
+    """Yield what of the contact of geoms is taken otherwise than in MuJoCo."""
+    names, geoms = names_of(m, "geom", m.ngeom), {*geoms}
+    pairs = [k for k in range(m.npair) if {int(m.pair_geom1[k]), int(m.pair_geom2[k])} <= geoms]
+
+    def of(rows: Iterable[int]) -> str:
+        return ", ".join(f"({quoted([names[m.pair_geom1[k]], names[m.pair_geom2[k]]])})" for k in rows)
+
+    twice = {SLIDES: slice(0, 2), ROLLS: slice(3, 5)}
+    uneven = [k for k in pairs for n in twice if m.pair_dim[k] >= n and np.ptp(m.pair_friction[k, twice[n]])]
+    if uneven:
+        yield (
+            f"took the first of the two frictions in the <pair> of geoms {of(dict.fromkeys(uneven))} in all "
+            "directions; write both alike"
+        )
+    wide, apart = [g for g in sorted(geoms) if m.geom_margin[g]], [k for k in pairs if m.pair_margin[k]]
+    if wide:
+        yield f"ignored the margin of geoms {quoted(names[g] for g in wide)}: forces begin where shapes touch"
+    if apart:
+        yield f"ignored the margin in the <pair> of geoms {of(apart)}: forces begin where shapes touch"
+
+
+def slack_notes(m: Any, geoms: Iterable[int]) -> Iterator[str]:
+    """Yield a note on geoms that state how their contact with others gives way."""
+    names, geoms = names_of(m, "geom", m.ngeom), {*geoms}
+    found = {g for g in geoms if _states(m, "geom", g)}
+    for k, both in enumerate(zip(m.pair_geom1.tolist(), m.pair_geom2.tolist())):
+        found |= {*both} if {*both} <= geoms and _states(m, "pair", k) else set()
+    if found:
+        yield (
+            f"took the friction of geoms {quoted(names[g] for g in sorted(found))}, and not how they give way (solref, "
+            "solimp): between bodies that follows from PairContact"
+        )
+
+
+def _states(m: Any, kind: str, row: int) -> bool:
+    values = ((getattr(m, f"{kind}_{name}", None), usual) for name, usual in USUAL.items())
+    return any(of is not None and of[row].tolist() != [*usual] for of, usual in values)
