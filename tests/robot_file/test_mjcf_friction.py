@@ -248,15 +248,6 @@ def test_friction_between_what_is_not_there_is_refused(frictions, says):
         wall_and_ball(frictions)
 
 
-def test_a_file_that_states_no_friction_of_saved_shapes_keeps_their_friction(tmp_path):
-    """As save_scene wrote them in version 0.2: shapes with a friction of their own had a <pair> with the floor."""
-    save_scene(wall_and_ball(pairs=PairContact(friction=0.2)), tmp_path / "one.xml")
-    text = re.sub(r'<text name="featherstone_gait_frictions".*/>', "", (tmp_path / "one.xml").read_text())
-    (tmp_path / "one.xml").write_text(re.sub(r'(condim|friction)="[^"]*" (?=condim|friction|/)', "", text))
-    shapes = [placed.model.shapes[0] for placed in load_scene(tmp_path / "one.xml").all]
-    assert [(shape.friction, shape.priority) for shape in shapes] == [(0.4, None), (None, None)]
-
-
 @pytest.mark.parametrize(
     "data", ["1", "[1]", '{"ball/shape0": 1}', '{"ball/shape0": [1, 2]}', '{"ball/shape0": [-1, 0, 0]}']
 )

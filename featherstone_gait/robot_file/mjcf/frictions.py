@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -19,38 +19,27 @@ from ...base.flaws import quoted
 from ...model.pair_friction import PairFriction
 from ...model.shapes import Shape
 from .touching import FRICTIONLESS, excluded_bodies, meets
-from .tree import FRICTIONS, PAIRS, moments_of, names_of
+from .tree import FRICTIONS, moments_of, names_of
 
 SLIDES, SPINS, ROLLS = COUNTS = (3, 4, 6)  # condim from which on they count
 USUAL = {"solref": (0.02, 1.0), "solimp": (0.9, 0.95, 0.001, 0.5, 2.0), "solreffriction": (0.0, 0.0)}  # MuJoCo's
 Numbers: TypeAlias = tuple[float | None, float | None, float | None]  # of sliding, spinning and rolling
 
 
-class Own(NamedTuple):
-    """Friction that `save_scene` has written of shapes that have no priority."""
-
-    stated: Mapping[str, Numbers]  # by geom
-    old: bool  # no geom has a priority: save_scene has written the file before it wrote friction
-
-
-def own_frictions(documents: Iterable[Element]) -> Own:
-    """Return what `save_scene` has written of shapes without priority; raise ValueError if it is none."""
+def own_frictions(documents: Iterable[Element]) -> dict[str, Numbers]:
+    """Return what `save_scene` has written of shapes without priority, by geom; raise ValueError if it is none."""
     texts = {each.get("name"): each.get("data", "") for root in documents for each in root.iter("text")}
-    if FRICTIONS not in texts:
-        return Own({}, PAIRS in texts)
     try:
-        found = json.loads(texts[FRICTIONS])
-        return Own({name: (mu, torsional, rolling) for name, (mu, torsional, rolling) in found.items()}, False)
+        found = json.loads(texts.get(FRICTIONS, "{}"))
+        return {name: (mu, torsional, rolling) for name, (mu, torsional, rolling) in found.items()}
     except (AttributeError, TypeError, ValueError) as error:
         raise ValueError(f"<text name={FRICTIONS!r}> states no frictions of geoms: {error}; remove it") from error
 
 
-def friction_of(m: Any, g: int, own: Own) -> tuple[Numbers, int | None]:
+def friction_of(m: Any, g: int, own: Mapping[str, Numbers]) -> tuple[Numbers, int | None]:
     """Return the numbers of a geom that count, and its priority."""
-    if (name := m.geom(g).name) in own.stated:
-        return own.stated[name], None
-    if own.old:
-        return (None, *moments_of(m, g)), None
+    if (name := m.geom(g).name) in own:
+        return own[name], None
     mu = 0.0 if m.geom_condim[g] == FRICTIONLESS else float(m.geom_friction[g, 0])
     return (mu, *moments_of(m, g)), int(m.geom_priority[g])
 

@@ -30,7 +30,15 @@ from .actuators import read_actuators
 from .causes import doubts, gravity_of, notes, refusals
 from .equalities import Line, couplings
 from .fluids import fluid_of, read_immersed
-from .frictions import Own, friction_doubts, friction_of, friction_on_floor, own_frictions, pair_frictions, slack_notes
+from .frictions import (
+    Numbers,
+    friction_doubts,
+    friction_of,
+    friction_on_floor,
+    own_frictions,
+    pair_frictions,
+    slack_notes,
+)
 from .loops import equality_names, joining_loops, read_loops
 from .read import compiled, held_by, name_of, postures_of
 from .sizes import documents_of
@@ -277,7 +285,7 @@ def _on_ground(shape: Shape, friction: float | None, rolling: float | None) -> S
     return replace(shape, friction=friction, rolling_friction=rolling)
 
 
-def _solids(m: Any, floor: int | None, stated: bool, own: Own, report: Report) -> Solids:
+def _solids(m: Any, floor: int | None, stated: bool, own: Mapping[str, Numbers], report: Report) -> Solids:
     """Find the geoms that touch something, which touch the ground, and which each other.
 
     stated: whether the file states a friction of a <pair>; own: the friction that `save_scene` has written.
@@ -304,8 +312,6 @@ def _solids(m: Any, floor: int | None, stated: bool, own: Own, report: Report) -
         report.doubt(f"ignored geoms {quoted(geoms)} of type {kind}, which no shape is")
     moving = [g for g in shapes if m.body_weldid[m.geom_bodyid[g]]]
     friction = {g: mu for g in moving for mu in friction_on_floor(m, g, floor, stated)}
-    if own.old:
-        shapes |= {g: replace(shapes[g], friction=mu) for g, (mu, _) in friction.items()}
     return Solids(shapes, friction, collisions(m, [*shapes], paired))
 
 
