@@ -5,6 +5,7 @@ Files whose tests take longest come first, so that no worker is left alone with 
 compiles the others wait for and then read from the cache; one worker more than there are cores works meanwhile.
 """
 
+import gc
 import os
 import sys
 import time
@@ -51,6 +52,17 @@ def pytest_configure(config):
     kinds.guard(pytest.MonkeyPatch())
     if config.getoption("minutes") is not None:
         os.environ.setdefault(DEADLINE, str(time.time() + 60.0 * config.getoption("minutes")))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect garbage of no syntax tree while files are read, which takes a third of the time."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(wrapper=True)

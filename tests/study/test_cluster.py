@@ -23,6 +23,17 @@ ONE_THREAD = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NU
 BATCH = 8
 
 
+def test_same_bytes_as_local(tmp_path):
+    """On a scheduler of this process."""
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.replace("count = 40", "count = 4"), "utf-8")
+    study = read_study(path)
+    local = run_study(study, tmp_path / "local").table.read_bytes()
+    with Client(processes=False, n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
+        there = run_study(study, tmp_path / "there", executor=client.get_executor(), batch=BATCH)
+    assert there.table.read_bytes() == local
+
+
 @pytest.fixture(scope="module")
 def cluster():
     """Two worker processes of one thread each."""
@@ -31,6 +42,7 @@ def cluster():
         yield made
 
 
+@pytest.mark.long
 def test_same_bytes_as_local_streamed_back_though_a_worker_is_killed(cluster, tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(STUDY, "utf-8")
@@ -56,6 +68,7 @@ def test_same_bytes_as_local_streamed_back_though_a_worker_is_killed(cluster, tm
     assert len(again) <= 10
 
 
+@pytest.mark.long
 def test_workers_have_the_integrators_that_other_packages_add(cluster, tmp_path):
     path = tmp_path / "study.toml"
     text = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.5\n[vary]\nservo.Kp = [20.0, 80.0]\n[scene]\n'
