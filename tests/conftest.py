@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: threads of all workers would wait awake
+
 import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo"
 from featherstone_gait.core.compile.jit import JIT
 

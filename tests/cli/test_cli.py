@@ -35,15 +35,6 @@ SLIDER = """<robot name="slider">
 """
 
 
-def run(*arguments, folder):
-    """A fresh process in a folder; what it wrote to its output."""
-    path = os.pathsep.join(sys.path)
-    command = [sys.executable, "-m", "featherstone_gait", *arguments]
-    done = subprocess.run(command, cwd=folder, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout
-
-
 def results(folder, robot):
     """The trajectory and the measures that `simulate` wrote; its picture is checked to be one."""
     picture = image.imread(folder / f"{robot}_simulation.png")
@@ -53,10 +44,14 @@ def results(folder, robot):
     return trajectory, trajectory.info["measures"]
 
 
-def test_info_prints_every_link_and_joint_and_writes_the_same_where_it_is_asked_to(tmp_path):
-    printed = run("info", "humanoid", "--all", "--locked", "simplified", folder=tmp_path)
+def test_info_prints_every_link_and_joint_and_writes_the_same_where_it_is_asked_to(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    asked = ["info", "humanoid", "--all", "--locked", "simplified"]
+    assert cli.main(asked) == 0
+    printed = capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
-    told = run("info", "humanoid", "--all", "--locked", "simplified", "--out", "here", folder=tmp_path)
+    assert cli.main([*asked, "--out", "here"]) == 0
+    told = capsys.readouterr().out
     assert told == printed + f"\nfiles: {Path('here') / 'humanoid_info.txt'}\n"
     assert (tmp_path / "here" / "humanoid_info.txt").read_text("utf-8") == printed
     model = load_robot("humanoid", locked="simplified")
@@ -333,8 +328,10 @@ def test_a_search_says_how_long_it_takes_in_proportion():
     assert seconds() < seconds(servo="xm430") < seconds("another.urdf", plan="cheapest")
 
 
-def test_a_free_swing_keeps_its_energy(tmp_path):
-    printed = run("simulate", "arm7", folder=tmp_path)
+def test_a_free_swing_keeps_its_energy(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["simulate", "arm7"]) == 0
+    printed = capsys.readouterr().out
     trajectory, measures = results(tmp_path, "arm7")
     assert trajectory.status == "ok"
     assert trajectory["q"][0] == pytest.approx([math.pi / 2, *[0.0] * 6])

@@ -6,7 +6,7 @@ import struct
 from pathlib import Path
 
 import pytest
-from test_cache import PROGRAM, run
+from test_cache import ONE, PROGRAM, run
 
 from featherstone_gait import cli
 from featherstone_gait.core.compile import jit
@@ -29,13 +29,6 @@ alone = exponential(1.0)
 stored = [type(made) is jit.Stored for made in exponential.overloads.values()]
 within = numba.njit(lambda x: exponential(x))(1.0)
 print(int(alone == exponential(1.0) == within), sum(stored), exponential.stats.cache_misses.total(), jit.CACHE_FOLDER)
-"""
-ONE = """
-from featherstone_gait.core.compile import jit
-from featherstone_gait.core.tree.batch import exponential
-
-result, stats = exponential(1.0), exponential.stats
-print(result.hex(), stats.cache_hits.total(), stats.cache_misses.total(), jit.CACHE_FOLDER)
 """
 WITHOUT_TEXT = """
 from featherstone_gait.core.compile import jit, taped_cost

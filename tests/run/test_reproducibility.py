@@ -105,6 +105,7 @@ def digest():
     return hashlib.sha256(b"".join(a.tobytes() for a in results)).hexdigest()
 
 
+@pytest.mark.long
 def test_compiled_or_not():
     command = [sys.executable, "-c", "import test_reproducibility as t; print(t.digest())"]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}

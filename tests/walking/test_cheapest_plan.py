@@ -101,9 +101,9 @@ def test_where_nothing_in_the_usual_box_can_be_walked_slower_plans_are_tried(sce
     def usual(cost):
         return bent(cost) if cost.gait.period > 0.72 else lambda x: (math.inf, "no")
 
-    found = cheapest_plan(scene, count=(4,), searched=usual)
-    assert len(found.trials) == 9
-    assert all(trial.status != "ok" for trial in found.trials[:5])
+    found = cheapest_plan(scene, count=(2,), searched=usual)
+    assert len(found.trials) == 5
+    assert all(trial.status != "ok" for trial in found.trials[:3])
     assert found.plan.walk.step_time > 0.36
     assert found.plan.walk.lift < 0.025
 
@@ -114,6 +114,7 @@ def with_servos(scene, torque, speed):
     return scene.recompiled(replace(scene.model, servos=dict.fromkeys(scene.model.servos, servo)))
 
 
+@pytest.mark.long
 def test_slow_servos_walk_a_plan_of_slow_steps(scene):
     """With 0.6 of the speed the plain plan's references are too fast for the joints."""
     slow = with_servos(scene, 1.0, 0.6)
