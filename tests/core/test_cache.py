@@ -288,6 +288,7 @@ def test_folders_of_old_sources_are_cleared_but_the_last_three_and_those_in_use(
     assert sorted(tmp_path.iterdir()) == sorted([*ours[:3], *others])
 
 
+@pytest.mark.long
 def test_kernels_with_bounds_checks_and_of_numbas_own_pipeline_have_folders_of_their_own(package, tmp_path):
     program = "from featherstone_gait.core.compile import jit; print(0, 0, 0, jit.CACHE_FOLDER)"
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "FEATHERSTONE_GAIT_COMPILER": ""}

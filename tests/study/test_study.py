@@ -399,19 +399,16 @@ def lines(outcome):
     return outcome.table.with_suffix(".jsonl").read_text("ascii").splitlines()
 
 
-def test_executor_and_order_have_no_influence(tmp_path):
+@pytest.mark.quick("*thread*")
+@pytest.mark.parametrize("executor", ["1 thread", "2 threads", "2 processes"])
+def test_executor_and_order_have_no_influence(tmp_path, executor):
     study = read(tmp_path, GRID)
-    made = {None: lambda: contextlib.nullcontext()}
-    made |= {f"{n} threads": lambda n=n: ThreadPoolExecutor(n) for n in (1, 2)}
-    made |= {"processes": lambda: ProcessPoolExecutor(1, mp_context=spawned())}
-    tables = []
-    for k, make in enumerate(made.values()):
-        with make() as executor:
-            outcome = run_study(study, tmp_path / str(k), executor=executor, batch=2)
-        assert outcome.computed == len(study)
-        tables.append(outcome.table.read_bytes())
-    assert len(tables) == 4
-    assert set(tables) == {tables[0]}
+    alone = run_study(study, tmp_path / "alone", batch=2)
+    count = int(executor[0])
+    with ThreadPoolExecutor(count) if "thread" in executor else ProcessPoolExecutor(count, spawned()) as pool:
+        outcome = run_study(study, tmp_path / "others", executor=pool, batch=2)
+    assert alone.computed == outcome.computed == len(study)
+    assert outcome.table.read_bytes() == alone.table.read_bytes()
 
 
 def spawned():
