@@ -90,6 +90,7 @@ def test_where_no_plan_can_be_walked_the_most_common_reason_is_told(scene):
         cheapest_plan(scene, count=(1, 1, 1, 1, 1))
 
 
+@pytest.mark.quick("held0")
 @pytest.mark.parametrize("held", [{"step_length": 3.0}, {"com_height": 3.0}, {"half_width": 1.0}])
 def test_what_no_leg_reaches_is_told_as_the_reason(scene, held):
     with pytest.raises(ValueError, match=rf"none of 1 planned walks with {next(iter(held))} .* cannot reach"):
