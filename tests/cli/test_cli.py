@@ -483,11 +483,15 @@ def help_of(command, monkeypatch, capsys, columns="80"):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_says_what_is_written_and_where(command, monkeypatch, capsys):
+def test_help_says_what_is_written_and_where_and_nothing_twice(command, monkeypatch, capsys):
+    """No six words in a row twice, but in examples."""
     text = help_of(command, monkeypatch, capsys)
     assert "Writes " in text
     assert "--out DIR" in text
     assert max(map(len, text.splitlines())) <= 80
+    words = help_of(command, monkeypatch, capsys, "200").partition("\nexamples:\n")[0].split()
+    runs = [" ".join(words[k : k + 6]) for k in range(len(words) - 5)]
+    assert sorted(run for run in {*runs} if runs.count(run) > 1) == []
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -498,15 +502,6 @@ def test_help_has_examples_that_are_understood(command, monkeypatch, capsys):
     for _, *arguments in lines:
         assert arguments[0] == command
         assert callable(cli._parser().parse_args(arguments).run)
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_says_nothing_twice(command, monkeypatch, capsys):
-    """No six words in a row of it, but in examples."""
-    text, _, _ = help_of(command, monkeypatch, capsys, "200").partition("\nexamples:\n")
-    words = text.split()
-    runs = [" ".join(words[k : k + 6]) for k in range(len(words) - 5)]
-    assert sorted(run for run in {*runs} if runs.count(run) > 1) == []
 
 
 def test_the_command_alone_shows_where_to_start(capsys):

@@ -90,11 +90,6 @@ def check_call(call, arguments, spoiled):
         assert is_sound(answer), answer
 
 
-def words(name):
-    """An argument as a message may call it."""
-    return [name, name.rstrip("s"), name.replace("_", " "), *OTHER_WORDS.get(name.lower(), ())]
-
-
 def is_sound(answer):
     """Whether an answer is finite; runs that failed may be as they are."""
     if getattr(answer, "status", "ok") not in ("ok", None):
