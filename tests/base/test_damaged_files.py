@@ -272,6 +272,7 @@ def test_a_seed_beyond_what_the_search_takes_is_named():
         AdaptiveSimulatedAnnealing(np.ones(2), amplitude=1.0, seed=2**128)
 
 
+@pytest.mark.quick("True")
 @pytest.mark.parametrize("buffered", [True, False])
 def test_a_reader_that_goes_away_changes_neither_files_nor_exit_code(tmp_path, buffered):
     command = [sys.executable, *([] if buffered else ["-u"]), "-m", "featherstone_gait", "info", "arm7"]
@@ -286,6 +287,7 @@ def test_a_reader_that_goes_away_changes_neither_files_nor_exit_code(tmp_path, b
     assert (tmp_path / "arm7_info.txt").stat().st_size > 1000
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no device that is always full")
 def test_an_output_that_is_full_is_named(tmp_path):
     path = os.pathsep.join(sys.path)

@@ -148,6 +148,7 @@ def test_errors_count_only_while_the_reference_is_known(wheel):
         assert default.errors(wheel, exact, outcome) == pytest.approx((error, 0.5, 0.1))
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there is no clock that ends a process")
 def test_a_call_that_takes_too_long_ends_alone():
     with closing(Worker()) as worker:

@@ -35,16 +35,6 @@ SLIDER = """<robot name="slider">
 """
 
 
-def run(*arguments, folder):
-    """A fresh process in a folder; what it wrote to its output."""
-    path = os.pathsep.join(sys.path)
-    command = [sys.executable, "-m", "featherstone_gait", *arguments]
-    done = subprocess.run(command, cwd=folder, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
-    assert done.returncode == 0
-    assert all(line.startswith("compiling ") for line in done.stderr.splitlines()), done.stderr
-    return done.stdout
-
-
 def results(folder, robot):
     """The trajectory and the measures that `simulate` wrote; its picture is checked to be one."""
     picture = image.imread(folder / f"{robot}_simulation.png")
@@ -54,10 +44,14 @@ def results(folder, robot):
     return trajectory, trajectory.info["measures"]
 
 
-def test_info_prints_every_link_and_joint_and_writes_the_same_where_it_is_asked_to(tmp_path):
-    printed = run("info", "humanoid", "--all", "--locked", "simplified", folder=tmp_path)
+def test_info_prints_every_link_and_joint_and_writes_the_same_where_it_is_asked_to(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    asked = ["info", "humanoid", "--all", "--locked", "simplified"]
+    assert cli.main(asked) == 0
+    printed = capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
-    told = run("info", "humanoid", "--all", "--locked", "simplified", "--out", "here", folder=tmp_path)
+    assert cli.main([*asked, "--out", "here"]) == 0
+    told = capsys.readouterr().out
     assert told == printed + f"\nfiles: {Path('here') / 'humanoid_info.txt'}\n"
     assert (tmp_path / "here" / "humanoid_info.txt").read_text("utf-8") == printed
     model = load_robot("humanoid", locked="simplified")
@@ -334,8 +328,10 @@ def test_a_search_says_how_long_it_takes_in_proportion():
     assert seconds() < seconds(servo="xm430") < seconds("another.urdf", plan="cheapest")
 
 
-def test_a_free_swing_keeps_its_energy(tmp_path):
-    printed = run("simulate", "arm7", folder=tmp_path)
+def test_a_free_swing_keeps_its_energy(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["simulate", "arm7"]) == 0
+    printed = capsys.readouterr().out
     trajectory, measures = results(tmp_path, "arm7")
     assert trajectory.status == "ok"
     assert trajectory["q"][0] == pytest.approx([math.pi / 2, *[0.0] * 6])
@@ -487,11 +483,15 @@ def help_of(command, monkeypatch, capsys, columns="80"):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_says_what_is_written_and_where(command, monkeypatch, capsys):
+def test_help_says_what_is_written_and_where_and_nothing_twice(command, monkeypatch, capsys):
+    """No six words in a row twice, but in examples."""
     text = help_of(command, monkeypatch, capsys)
     assert "Writes " in text
     assert "--out DIR" in text
     assert max(map(len, text.splitlines())) <= 80
+    words = help_of(command, monkeypatch, capsys, "200").partition("\nexamples:\n")[0].split()
+    runs = [" ".join(words[k : k + 6]) for k in range(len(words) - 5)]
+    assert sorted(run for run in {*runs} if runs.count(run) > 1) == []
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -502,15 +502,6 @@ def test_help_has_examples_that_are_understood(command, monkeypatch, capsys):
     for _, *arguments in lines:
         assert arguments[0] == command
         assert callable(cli._parser().parse_args(arguments).run)
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_says_nothing_twice(command, monkeypatch, capsys):
-    """No six words in a row of it, but in examples."""
-    text, _, _ = help_of(command, monkeypatch, capsys, "200").partition("\nexamples:\n")
-    words = text.split()
-    runs = [" ".join(words[k : k + 6]) for k in range(len(words) - 5)]
-    assert sorted(run for run in {*runs} if runs.count(run) > 1) == []
 
 
 def test_the_command_alone_shows_where_to_start(capsys):

@@ -37,6 +37,7 @@ def fallen(model, integrator, **how):
     return simulate(scene, 0.1, initial_state(scene, q, qd), estimate_error=False, record=STATE)
 
 
+@pytest.mark.quick("floating")
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 def test_a_borne_share_is_as_much_less_gravity(base):
     """And the potential energy is that of what is left; inverse dynamics asks for as much less force."""

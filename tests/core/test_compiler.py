@@ -212,6 +212,7 @@ def importing(monkeypatch, compiler="", change=""):
     return subprocess.run(program, capture_output=True, text=True)
 
 
+@pytest.mark.long
 def test_the_setting_chooses_the_pipeline(monkeypatch):
     assert importing(monkeypatch).stdout.split() == ["True", "False"]
     assert importing(monkeypatch, "plain").stdout.split() == ["False", "True"]

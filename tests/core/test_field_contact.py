@@ -59,9 +59,10 @@ def test_the_force_on_a_ball_changes_steadily_over_a_ridge_and_through_a_valley(
     """The sum of depths times normals moves by at most twice the way of the ball, across and along the edge."""
     field = HeightField(np.outer([0.4 * slope, 0.0, 0.4 * slope], np.ones(5)), (0.4, 0.1), (-0.4, -0.2))
     height = 0.05 * max(1.0, math.sqrt(1.0 + slope * slope) if slope > 0.0 else 1.0) - 1e-3
-    sums = []
+    sums, placed = [], Placed([Sphere(0.05), field], [np.eye(3)] * 2, np.zeros((2, 3)))
     for x in np.arange(-0.004, 0.004, 4e-6):
-        points = on(field, Sphere(0.05), (x, 7.0 * x, height))
+        placed.position[0] = (x, 7.0 * x, height)
+        [points] = placed.contacts()
         sums.append((points[:, 6:7] * points[:, 3:6]).sum(axis=0))
     assert np.linalg.norm(np.diff(sums, axis=0), axis=1).max() < 1e-5
     assert np.linalg.norm(sums, axis=1).min() > 1e-5 if slope > -0.1 else True

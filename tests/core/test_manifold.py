@@ -43,6 +43,8 @@ class Placed:
         self.shapes = [x if isinstance(x, HalfSpace | Shape) else Shape("", x) for x in shapes]
         self.rotation, self.position = np.array(rotation), np.array(position, float)
         self.tables = shape_tables(self.shapes, range(len(shapes)))
+        one = {"near": np.zeros((2, 99), np.int64), "ends": np.zeros(0), "field": field_bench(self.tables)}
+        self.bench = contact_bench(self.tables)._replace(**one)  # one compiled kernel for all
         self.room = Room(np.zeros((len(shapes), 9)), np.zeros((len(shapes), 3)), np.zeros((4, 3)))
         self.pairs = np.arange(len(shapes)).reshape(-1, 2)
 
@@ -50,10 +52,7 @@ class Placed:
         """The points of each pair."""
         pairs = np.ascontiguousarray(self.pairs[:, ::-1]) if swap else self.pairs
         out, counts = np.zeros((len(pairs), 8, 8)), np.zeros(len(pairs), np.int64)
-        bench = contact_bench(self.tables)
-        one = {"near": np.zeros((2, 99), np.int64), "ends": np.zeros(0), "field": field_bench(self.tables)}
-        bench = bench._replace(**one)  # one compiled kernel for all
-        pair_contacts(self.tables, self.room, bench, pairs, margin, self.rotation, self.position, out, counts)
+        pair_contacts(self.tables, self.room, self.bench, pairs, margin, self.rotation, self.position, out, counts)
         return [points[:count] for points, count in zip(out, counts)]
 
     def distances(self):
@@ -86,7 +85,7 @@ def turned(rng):
 
 
 @functools.cache
-def touching(a, b, n=150, spread=0.02):
+def touching(a, b, n=50, spread=0.02):
     """Pairs of two kinds whose signed distances are up to `spread` [m]; above a half space the lower points are."""
     rng = np.random.default_rng(CONVEX.index(a) * 7 + [*KINDS].index(b))
     placed = Placed(
@@ -161,7 +160,7 @@ def test_the_deepest_point_is_as_deep_as_the_shapes_and_no_direction_parts_them_
         else:
             assert distances[pair] > MARGIN - 1e-9
         found += len(points) > 0
-    assert found > 50
+    assert found > 16
 
 
 def place(a, b, xyz=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)):
@@ -203,7 +202,7 @@ def segments_apart(p, q, r, s):
 
 @pytest.mark.parametrize("kinds", [("sphere", "sphere"), ("capsule", "sphere"), ("capsule", "capsule")], ids="-".join)
 def test_spheres_and_capsules_touch_at_the_closest_points_of_their_axes(kinds):
-    placed = touching(*kinds, n=600)
+    placed = touching(*kinds, n=150)
     for pair, points in enumerate(placed.contacts(1.0)):
         radii = placed.tables.table[2 * pair : 2 * pair + 2].radius
         depth = radii.sum() - segments_apart(*ends_of(placed, 2 * pair), *ends_of(placed, 2 * pair + 1))

@@ -6,7 +6,7 @@ import struct
 from pathlib import Path
 
 import pytest
-from test_cache import PROGRAM, run
+from test_cache import ONE, PROGRAM, run
 
 from featherstone_gait import cli
 from featherstone_gait.core.compile import jit
@@ -29,13 +29,6 @@ alone = exponential(1.0)
 stored = [type(made) is jit.Stored for made in exponential.overloads.values()]
 within = numba.njit(lambda x: exponential(x))(1.0)
 print(int(alone == exponential(1.0) == within), sum(stored), exponential.stats.cache_misses.total(), jit.CACHE_FOLDER)
-"""
-ONE = """
-from featherstone_gait.core.compile import jit
-from featherstone_gait.core.tree.batch import exponential
-
-result, stats = exponential(1.0), exponential.stats
-print(result.hex(), stats.cache_hits.total(), stats.cache_misses.total(), jit.CACHE_FOLDER)
 """
 WITHOUT_TEXT = """
 from featherstone_gait.core.compile import jit, taped_cost
@@ -65,23 +58,30 @@ print(hashlib.sha256(run.final.tobytes()).hexdigest()[:16], int(square.sum()), 0
 """
 
 
+def filled_with(program, folder):
+    """The store of a program at all levels."""
+    (folder / "program.py").write_text(program, "utf-8")
+    given = ["warm-up", str(folder / "program.py"), "--only", "--quiet", "--all-levels"]
+    assert cli.main([*given, "--out", str(folder / "kernels")]) == 0
+    return folder / "kernels"
+
+
 @pytest.fixture(scope="module")
 def filled(tmp_path_factory):
-    """A store of two programs, and the result of the first when it compiles."""
-    folder = tmp_path_factory.mktemp("filled")
-    for name, text in (("pendulum.py", PROGRAM), ("one.py", ONE)):
-        (folder / name).write_text(text, "utf-8")
-    given = ["warm-up", *(str(folder / name) for name in ("pendulum.py", "one.py")), "--only", "--quiet"]
-    assert cli.main([*given, "--all-levels", "--out", str(folder / "kernels")]) == 0
-    return folder / "kernels", run(ROOT, NUMBA_CACHE_DIR=str(folder / "cache"))[0]
+    """A store of one kernel."""
+    return filled_with(ONE, tmp_path_factory.mktemp("filled"))
+
+
+def copied(store, tmp_path):
+    """A copy of a store in a cache that is else empty, and the variable that names this."""
+    folder = tmp_path / "cache" / Path(jit.CACHE_FOLDER).name / "kernels"
+    shutil.copytree(store, folder)
+    return folder, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
 
 
 @pytest.fixture
 def store(filled, tmp_path):
-    """A copy of the store in a cache that is else empty, and the variable that names this."""
-    folder = tmp_path / "cache" / Path(jit.CACHE_FOLDER).name / "kernels"
-    shutil.copytree(filled[0], folder)
-    return folder, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    return copied(filled, tmp_path)
 
 
 def compiled(cache):
@@ -89,13 +89,27 @@ def compiled(cache):
     return [*Path(cache["NUMBA_CACHE_DIR"]).rglob("*.nbc")]
 
 
-@pytest.mark.parametrize("level", levels())
-def test_a_first_result_has_the_same_bits_and_neither_compiles_nor_unpickles(store, filled, level):
-    folder, cache = store
+def of_one_level(store, level):
+    """The variable that names a store, of which one level is left."""
     for other in {*LEVELS} - {level}:
-        shutil.rmtree(folder / other)
-    assert run(ROOT, program=NO_PICKLES + PROGRAM, **cache)[:3] == (filled[1], 0, 0)
+        shutil.rmtree(store[0] / other)
+    return store[1]
+
+
+@pytest.mark.parametrize("level", levels())
+def test_a_first_call_has_the_same_bits_and_neither_compiles_nor_unpickles(store, level):
+    cache = of_one_level(store, level)
+    assert run(ROOT, program=NO_PICKLES + ONE, **cache)[:3] == (E, 0, 0)
     assert compiled(cache) == []
+
+
+@pytest.mark.long
+def test_a_first_run_has_the_same_bits_and_neither_compiles_nor_unpickles(tmp_path):
+    filled, expected = filled_with(PROGRAM, tmp_path), run(ROOT, NUMBA_CACHE_DIR=str(tmp_path / "compiled"))[0]
+    for level in levels():
+        cache = of_one_level(copied(filled, tmp_path / level), level)
+        assert run(ROOT, program=NO_PICKLES + PROGRAM, **cache)[:3] == (expected, 0, 0)
+        assert compiled(cache) == []
 
 
 def change(folder, of, how):
@@ -104,6 +118,7 @@ def change(folder, of, how):
         path.write_bytes(how(path.read_bytes()))
 
 
+@pytest.mark.quick("[*].o")
 @pytest.mark.parametrize("of", ["manifest.json", "*.o"])
 def test_damaged_files_are_told_and_their_kernels_compiled(store, of):
     folder, cache = store
@@ -120,6 +135,7 @@ def test_a_manifest_that_was_edited_is_damaged(store):
         assert run(ROOT, program=ONE, **cache)[:3] == (E, 0, 1)
 
 
+@pytest.mark.quick("numba")
 @pytest.mark.parametrize("name", ["numba", "python"])
 def test_a_store_for_something_else_is_not_looked_at(store, name):
     folder, cache = store
@@ -134,6 +150,7 @@ def test_a_store_for_something_else_is_not_looked_at(store, name):
     assert len(compiled(cache)) == 1
 
 
+@pytest.mark.long
 def test_settings_of_numba_that_change_code_leave_it_aside(store):
     assert run(ROOT, program=ONE, NUMBA_LOOP_VECTORIZE="0", **store[1])[:3] == (E, 0, 1)
 
@@ -143,6 +160,7 @@ def test_an_entry_that_compiled_code_calls_is_compiled_for_it(store):
     assert run(ROOT, program=CALLED, **store[1])[:3] == ("1", 1, 1)
 
 
+@pytest.mark.long
 def test_a_kernel_without_a_docstring_is_loaded(tmp_path):
     (tmp_path / "sweep.py").write_text(WITHOUT_TEXT, "utf-8")
     store = tmp_path / "cache" / Path(jit.CACHE_FOLDER).name / "kernels"
@@ -159,7 +177,7 @@ def test_the_command_goes_on_from_what_is_there_and_says_what_fails(store, tmp_p
     programs = [str(tmp_path / name) for name in ("wrong.py", "page.md")]
     assert cli.main(["warm-up", *programs, "--only", "--all-levels", "--out", str(folder)]) == 1
     out, err = capsys.readouterr()
-    assert out.count("2 kernels") == len(LEVELS)
+    assert out.count("1 kernels") == len(LEVELS)
     assert "wrong.py: ValueError: of this program" in err
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.o")} == before
 
@@ -194,7 +212,7 @@ def test_an_interrupted_command_ends_with_130_and_keeps_what_is_done(store, monk
 def test_a_store_beside_the_package_is_read_and_nothing_is_written_there(filled, tmp_path):
     shutil.copytree(ROOT / "featherstone_gait", tmp_path / "featherstone_gait", ignore=shutil.ignore_patterns("*.pyc"))
     kernels = tmp_path / "featherstone_gait" / "kernels"
-    shutil.copytree(filled[0], kernels)
+    shutil.copytree(filled, kernels)
     before = sorted((tmp_path / "featherstone_gait").rglob("*"))
     environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
     assert run(tmp_path, program=ONE, **environment)[:3] == (E, 0, 0)
@@ -218,7 +236,7 @@ def defined_globals(code):
 
 def test_code_that_is_kept_holds_no_pickle_and_no_name_of_others(filled):
     """All global symbols that it defines are named by the key."""
-    for path in filled[0].rglob("*.o"):
+    for path in filled.rglob("*.o"):
         assert b"builtins" not in path.read_bytes()
         assert defined_globals(path.read_bytes()) == [f"{what}_{path.stem}" for what in ("call", "environment", "run")]
 

@@ -96,6 +96,7 @@ def residual(model, q, qd):
 # --- the equations ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick("floating-*")
 @pytest.mark.nojit
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("base", ["fixed", "floating"])

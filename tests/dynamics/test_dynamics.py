@@ -76,6 +76,7 @@ def test_a_small_tree_accelerates_as_in_mujoco_in_rows_and_in_lanes(base, skew):
     assert forward_dynamics_error(model, 11) <= 1e-12
 
 
+@pytest.mark.quick("*-floating")
 @pytest.mark.nojit
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 @pytest.mark.parametrize("shape", [(7, 1.3), (50, 1.2)], ids=str)
@@ -188,6 +189,7 @@ def test_aba_undoes_rnea_of_a_few_states(count):
 
 @pytest.mark.bounds
 @pytest.mark.nojit
+@pytest.mark.quick("*-floating")
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 @pytest.mark.parametrize("count", [2, 9])
 def test_aba_undoes_rnea_under_wrenches_with_rotors(base, count):

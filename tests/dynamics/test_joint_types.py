@@ -135,6 +135,7 @@ def test_a_jacobian_is_the_derivative_of_the_pose(robot):
         assert Jc[:, column] == pytest.approx(rate[12:], abs=1e-9)
 
 
+@pytest.mark.quick("floating")
 @pytest.mark.parametrize("robot", MODELS)
 def test_dynamics_agree_with_each_other(robot):
     model = MODELS[robot]

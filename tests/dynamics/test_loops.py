@@ -430,6 +430,7 @@ def _site_jacobians(m, d, name):
     return np.concatenate([p, r]), np.concatenate([pd, rd])
 
 
+@pytest.mark.long
 def test_followers_and_loops_hold_together():
     model, q = closed_tree("fixed", 3, ("connect",))
     names = model.joint_names

@@ -35,7 +35,7 @@ from featherstone_gait.walking.cost import cost_of_motion
 from featherstone_gait.walking.gait_file import angles_of_goal_positions
 from featherstone_gait.walking.motion import servo_of
 
-ITERATIONS = 24
+ITERATIONS = 12
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def job(tmp_path_factory):
     folder = tmp_path_factory.mktemp("job")
     return folder, main_job(
         options=OptimizeOptions(
-            iterations=ITERATIONS, states="stride", worlds=0, test_worlds=4, out=folder, progress=False
+            iterations=ITERATIONS, states="stride", worlds=0, test_worlds=2, out=folder, progress=False
         )
     )
 
@@ -290,15 +290,15 @@ def test_an_interrupted_job_resumes_to_the_same_gait(job, tmp_path):
     folder, report = job
     main_job(
         options=OptimizeOptions(
-            iterations=ITERATIONS // 2, states="stride", worlds=0, test_worlds=4, out=tmp_path, progress=False
+            iterations=ITERATIONS // 2, states="stride", worlds=0, test_worlds=2, out=tmp_path, progress=False
         )
     )
     history = tmp_path / "humanoid_gait_history.jsonl"
     with history.open("a", encoding="utf-8") as file:
-        file.write('{"iteration": 13, "x": [0.1')  # cut off while writing
+        file.write('{"iteration": 7, "x": [0.1')  # cut off while writing
     resumed = main_job(
         options=OptimizeOptions(
-            iterations=ITERATIONS, states="stride", worlds=0, test_worlds=4, out=tmp_path, resume=True, progress=False
+            iterations=ITERATIONS, states="stride", worlds=0, test_worlds=2, out=tmp_path, resume=True, progress=False
         )
     )
     assert resumed["after"] == report["after"]
@@ -309,9 +309,9 @@ def test_an_interrupted_job_resumes_to_the_same_gait(job, tmp_path):
 def test_what_is_found_is_tried_in_worlds_that_no_search_has_seen(job, cost):
     _, report = job
     told = report["elsewhere"]["after"]
-    assert (told["worlds"], told["strides"]) == (4, 20)
-    assert told["walks"] in (0.0, 0.25, 0.5, 0.75, 1.0)
-    again = measure_in_test_worlds(cost, [cost.gait.to_vector()], 4)[0]
+    assert (told["worlds"], told["strides"]) == (2, 20)
+    assert told["walks"] in (0.0, 0.5, 1.0)
+    again = measure_in_test_worlds(cost, [cost.gait.to_vector()], 2)[0]
     assert again == report["elsewhere"]["before"]
     assert again["cost"] == sorted(again["cost"])
 
@@ -321,7 +321,7 @@ def test_stored_baselines_serve_the_humanoid_s_first_gait_and_no_other(cost):
     stored = baselines.stored_baselines(first.measure([first.gait.to_vector()])[0])
     assert [*stored] == [*baselines.BASELINES, baselines.CHEAPEST]
     assert not baselines.stored_baselines(cost.measure([cost.gait.to_vector()])[0])
-    for count in (200, 3, 0):
+    for count in (200, 0):
         rows = baselines.measure_baselines(first, "plain", count, False, True, stored)
         assert [row["cost"] for row in rows] == [row["cost"] for row in stored.values()]
         worlds = [row["elsewhere"] and row["elsewhere"]["worlds"] for row in rows]
@@ -434,6 +434,7 @@ def test_a_job_in_which_nothing_walks_says_why(tmp_path, monkeypatch):
         )
 
 
+@pytest.mark.long
 def test_servos_too_slow_for_any_plan_end_the_job_before_a_search(tmp_path):
     """Five times the torque at a fifth of the speed."""
     servo = (Path(load_robot("humanoid").source).parents[1] / "servos" / "ax12.toml").read_text("utf-8")

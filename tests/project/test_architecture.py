@@ -35,16 +35,22 @@ def tree_of(module):
 
 
 @functools.cache
+def nodes_of(module):
+    """All nodes of a module, gathered once for all tests."""
+    return [*ast.walk(tree_of(module))]
+
+
+@functools.cache
 def all_imports(module):
     """`imports`, gathered once for all tests."""
-    return [*imports(module)]
+    return [*imports(module, nodes_of(module))]
 
 
-def imports(name, walk=ast.walk):
-    """Full names of all that a module imports, wherever in the file; walk: gives the nodes that are looked at."""
+def imports(name, nodes):
+    """Full names of all that a module imports in these of its nodes."""
     path = MODULES[name]
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    for node in walk(tree_of(name)):
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -56,7 +62,7 @@ def imports(name, walk=ast.walk):
 def untyped(tree):
     """All nodes but those that are for type checkers alone."""
     for node in ast.iter_child_nodes(tree):
-        if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+        if not (isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"):
             yield node
             yield from untyped(node)
 
@@ -64,9 +70,7 @@ def untyped(tree):
 def functions(*modules):
     """Module and node of every function of some modules, those inside of functions too."""
     for module in modules:
-        for node in ast.walk(tree_of(module)):
-            if isinstance(node, ast.FunctionDef):
-                yield module, node
+        yield from ((module, node) for node in nodes_of(module) if isinstance(node, ast.FunctionDef))
 
 
 def outermost(tree):
@@ -100,10 +104,10 @@ def modules_of(part):
     return found
 
 
-@pytest.mark.parametrize("module", modules_of("core"))
-def test_core_imports_only_core_and_what_compiles_it(module):
+def test_core_imports_only_core_and_what_compiles_it():
     allowed = ("featherstone_gait.core", "numpy", "numba", "llvmlite", *sys.stdlib_module_names)
-    assert [name for name in all_imports(module) if not within(name, *allowed)] == []
+    found = [(module, name) for module in modules_of("core") for name in all_imports(module)]
+    assert [(module, name) for module, name in found if not within(name, *allowed)] == []
 
 
 @pytest.mark.parametrize("room", range(len(ROOMS)), ids=ROOMS)
@@ -113,11 +117,11 @@ def test_each_room_of_core_imports_only_those_before_it(room):
     assert [(module, name) for module, name in found if within(name, *later)] == []
 
 
-@pytest.mark.parametrize("module", modules_of("search"))
-def test_search_knows_no_physics(module):
-    known = [name for name in all_imports(module) if within(name, "featherstone_gait", "numba")]
+def test_search_knows_no_physics():
+    found = [(module, name) for module in modules_of("search") for name in all_imports(module)]
+    known = [(module, name) for module, name in found if within(name, "featherstone_gait", "numba")]
     own = ("featherstone_gait.search", "featherstone_gait.base")
-    assert [name for name in known if not within(name, *own)] == []
+    assert [(module, name) for module, name in known if not within(name, *own)] == []
 
 
 def test_the_library_knows_neither_the_paper_nor_the_benchmarks_nor_the_command_line():
@@ -129,7 +133,7 @@ def test_the_library_knows_neither_the_paper_nor_the_benchmarks_nor_the_command_
 def test_imports_make_no_circle():
     """Between files, imports inside functions included; a package does not count as imported by what is in it."""
     graph = {
-        name: {x if x in MODULES else x.rpartition(".")[0] for x in imports(name, untyped)} & {*MODULES}
+        name: {x if x in MODULES else x.rpartition(".")[0] for x in imports(name, untyped(tree_of(name)))} & {*MODULES}
         for name in MODULES
     }
     assert any(graph.values())
@@ -156,11 +160,10 @@ def test_few_loose_files():
     assert len([*PACKAGE.glob("*.py")]) <= 3
 
 
-@pytest.mark.parametrize("module", modules_of("core"))
-def test_kernels_say_what_they_do(module):
+def test_kernels_say_what_they_do():
     """With units; what the recurring arguments are is said in the package."""
-    tree = tree_of(module)
-    assert [node.name for node in outermost(tree) if not ast.get_docstring(node)] == []
+    public = [(module, node) for module in modules_of("core") for node in outermost(tree_of(module))]
+    assert [(module, node.name) for module, node in public if not ast.get_docstring(node)] == []
 
 
 def test_functions_outside_of_core_state_types():
@@ -187,21 +190,21 @@ def test_only_core_knows_numba():
     assert [(module, name) for module, name in found if within(name, "numba", "llvmlite")] == []
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_only_jit_compiles(module):
+def named(module):
+    """Names that a module uses, those of Numba's attributes and what it imports of Numba."""
+    for node in nodes_of(module):
+        if isinstance(node, ast.Name):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and getattr(node.value, "id", "") in ("numba", "nb"):
+            yield node.attr
+    yield from (name.rpartition(".")[2] for name in all_imports(module) if within(name, "numba"))
+
+
+def test_only_jit_compiles():
     """`core/compile/jit.py` holds all options of the compiler; everybody else uses its decorators."""
     compilers = {"jit", "njit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass"}
-    if module == "featherstone_gait.core.compile.jit":
-        return
-    tree = tree_of(module)
-    named = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-    of_numba = {
-        node.attr
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("numba", "nb")
-    }
-    imported = {name.rpartition(".")[2] for name in all_imports(module) if within(name, "numba")}
-    assert compilers & (named | of_numba | imported) == set()
+    found = {module: compilers.intersection(named(module)) for module in MODULES}
+    assert {module for module, names in found.items() if names} == {"featherstone_gait.core.compile.jit"}
 
 
 def test_fields_of_records_are_not_attributes_of_arrays():

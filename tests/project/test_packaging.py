@@ -102,6 +102,7 @@ def test_the_source_distribution_holds_all_that_the_tests_need(distributions):
     assert {name.partition("/")[0] for name in names} - {"PKG-INFO", ".gitignore"} <= {p.name for p in ROOT.iterdir()}
 
 
+@pytest.mark.long
 def test_an_installed_wheel_finds_its_robots_anywhere(distributions, tmp_path):
     (wheel,) = distributions.glob("*.whl")
     site = tmp_path / "site"

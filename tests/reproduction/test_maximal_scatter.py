@@ -29,11 +29,6 @@ def test_runs_of_one_gait_differ_by_their_seeds_alone(planned):
     assert row.cycle == pytest.approx(sound.std(ddof=1) / sound.mean())
 
 
-def test_solved_there_is_no_scatter(planned):
-    _, row = solver_scatter.walk(SMALL, planned, SolverCase(iterations=0), 2)
-    assert (row.fell, row.repeat, row.run) == (0, 0.0, 0.0)
-
-
 @pytest.mark.long
 def test_a_map_goes_on_where_it_was(planned, tmp_path):
     path = tmp_path / "map.csv"

@@ -340,6 +340,7 @@ def test_every_experiment_explains_its_settings(name):
     assert module.QUICK != module.FULL
 
 
+@pytest.mark.long
 def test_results_belong_to_the_sources_that_their_experiment_loads(tmp_path):
     """All that Python loads with an experiment is counted, and what it never loads is not."""
     code = "import sys; import featherstone_gait.reproduction.method_comparison; print(*filter(None, (getattr(m, "

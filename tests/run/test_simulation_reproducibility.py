@@ -205,6 +205,7 @@ def flat(x):
     return [x] if isinstance(x, np.ndarray) else []
 
 
+@pytest.mark.quick(PROCESSORS[0])
 @pytest.mark.parametrize("processor", PROCESSORS)
 def test_constants_whatever_processor_the_linear_algebra_is_for(processor):
     assert elsewhere("digest_of_constants", OPENBLAS_CORETYPE=processor) == digest_of_constants()

@@ -365,7 +365,7 @@ def test_no_posture_takes_a_shape_beyond_its_bounds(robot):
     scene = compile_scene(SceneModel("x", [Placed(model)], [obstacle(CUBE, "o", (9.0, 0.0, 0.0))]), pairs="all")
     pairs, rng, n = scene.touching.table, np.random.default_rng(1), len(model.joint_names)
     start, farthest, fastest = nearest_posture(model), 0.0, np.zeros(n)
-    for _ in range(50):
+    for _ in range(15):
         q = start.copy()
         for k, joint in enumerate(model.moving_joints):
             q[len(q) - n + k] = rng.uniform(max(joint.lower, -4.0), min(joint.upper, 4.0))

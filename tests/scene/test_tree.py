@@ -66,6 +66,7 @@ def bounded(model: Model) -> Model:
     return replace(model, joints=tuple(replace(j, **stops.get(j.type, {})) for j in model.joints))
 
 
+@pytest.mark.long
 def test_bodies_and_poses_have_the_same_bits_on_any_processor(robot_files):
     kinds = [{"OPENBLAS_CORETYPE": kind, "NUMBA_DISABLE_JIT": "1"} for kind in PROCESSORS]
     digests = {str(settings): computed(robot_files, settings) for settings in [{}, *kinds]}

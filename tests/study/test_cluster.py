@@ -1,5 +1,6 @@
 """Studies on a cluster: a real scheduler and two worker processes on this machine."""
 
+import importlib
 import os
 import signal
 import threading
@@ -7,7 +8,6 @@ import time
 from collections import Counter
 
 import pytest
-from distributed import Client, LocalCluster
 
 from featherstone_gait.study import read_study, run_study
 
@@ -23,20 +23,37 @@ ONE_THREAD = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NU
 BATCH = 8
 
 
+def distributed():
+    """The library, where a test asks for it: it is slow to import."""
+    return importlib.import_module("distributed")
+
+
+def test_same_bytes_as_local(tmp_path):
+    """On a scheduler of this process."""
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.replace("count = 40", "count = 4"), "utf-8")
+    study = read_study(path)
+    local = run_study(study, tmp_path / "local").table.read_bytes()
+    with distributed().Client(processes=False, n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
+        there = run_study(study, tmp_path / "there", executor=client.get_executor(), batch=BATCH)
+    assert there.table.read_bytes() == local
+
+
 @pytest.fixture(scope="module")
 def cluster():
     """Two worker processes of one thread each."""
     options = {"host": "127.0.0.1", "dashboard_address": None, "env": ONE_THREAD, "silence_logs": 50}
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **options) as made:
+    with distributed().LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **options) as made:
         yield made
 
 
+@pytest.mark.long
 def test_same_bytes_as_local_streamed_back_though_a_worker_is_killed(cluster, tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(STUDY, "utf-8")
     study = read_study(path)
     local = run_study(study, tmp_path / "local").table.read_bytes()
-    with Client(cluster) as client:
+    with distributed().Client(cluster) as client:
         assert len(set(client.run(os.getpid).values())) == 2
         whole = run_study(study, tmp_path / "whole", executor=client.get_executor(), batch=BATCH)
         assert whole.table.read_bytes() == local
@@ -56,11 +73,12 @@ def test_same_bytes_as_local_streamed_back_though_a_worker_is_killed(cluster, tm
     assert len(again) <= 10
 
 
+@pytest.mark.long
 def test_workers_have_the_integrators_that_other_packages_add(cluster, tmp_path):
     path = tmp_path / "study.toml"
     text = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.5\n[vary]\nservo.Kp = [20.0, 80.0]\n[scene]\n'
     path.write_text(text + "gearbox = 'standard'\nintegrator = 'simtwo'\n", "utf-8")
-    with Client(cluster) as client:
+    with distributed().Client(cluster) as client:
         outcome = run_study(read_study(path), tmp_path / "paper", executor=client.get_executor())
     assert outcome.statuses == {"ok": 2}
 

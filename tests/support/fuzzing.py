@@ -25,9 +25,9 @@ RANDOM = int(os.environ.get("FEATHERSTONE_GAIT_FUZZ", "0"))
 
 
 def profiles(quick):
-    """Give a test the argument `profile`: settings with so many examples, and with five times as many for `long`."""
+    """Give a test the argument `profile`: settings with so many examples, and with 16 times as many for `long`."""
     few = pytest.param(settings(COMMON, max_examples=quick, derandomize=True), id="quick")
-    more = settings(COMMON, max_examples=RANDOM or 5 * quick, derandomize=not RANDOM)
+    more = settings(COMMON, max_examples=RANDOM or 16 * quick, derandomize=not RANDOM)
     return pytest.mark.parametrize("profile", [few, pytest.param(more, id="many", marks=pytest.mark.long)])
 
 

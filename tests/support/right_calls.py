@@ -192,7 +192,7 @@ def _dynamics() -> Iterator[Call]:
         yield Call("from_engine", fg.from_engine, state | {"v": np.zeros(model.nv)})
         yield Call("coupling_matrix", fg.coupling_matrix, {"model": model})
         bound = replace(model, loops=(fg.Loop("rod", "distance", link, None, (0.1, 0.0, 0.0), distance=5.0),))
-        yield Call("loop_forces", fg.loop_forces, moving | {"tau": v, "model": bound} | pushed)
+        yield Call("loop_forces", fg.loop_forces, moving | {"tau": v, "model": bound, "gravity": g})
         for name in ("loop_gaps", "loop_jacobian", "degrees_of_freedom"):
             yield Call(name, getattr(fg, name), {"model": bound, "q": q})
         free = {"model": bound, "q": q, "qd": v, "independent": [model.joint_names[0]]}

@@ -81,6 +81,7 @@ return {lines: heads.map(e => e.textContent), high: canvas.clientHeight / innerH
 """
 
 
+@pytest.mark.quick("how1-*")
 @pytest.mark.parametrize(("how", "lines"), [
     ({}, ["11 bodies ok"]),
     ({"status": "inaccurate", "message": "by 1 rad"}, ["10 bodies ok", "block3 inaccurateby 1 rad"]),

@@ -290,6 +290,7 @@ def test_dragging_in_the_page_pulls_the_robot_and_letting_go_ends_it(block, tmp_
     assert np.abs(run["push"][:, 4:]).max() > 0.5
 
 
+@pytest.mark.quick("size0-*")
 @pytest.mark.parametrize(("size", "dark"), [((375, 667), True), ((320, 568), False)])
 def test_all_is_in_reach_of_fingers_and_the_run_is_ended_in_the_page(block, tmp_path, size, dark):
     with driving(block, ["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight"]) as (url, _, held, page):

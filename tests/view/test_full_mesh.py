@@ -15,15 +15,15 @@ from featherstone_gait.view.shown import in_posture
 from featherstone_gait.view.visuals import FACES, ROUND, pieces_of, read
 
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-LIMIT = 0.2  # [MB], less than the ball takes
+LIMIT = 0.08  # [MB], less than the ball takes
 
 
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory):
-    """A ball of 81920 triangles, and a box beside it."""
+    """A ball of 20480 triangles, and a box beside it."""
     trimesh = pytest.importorskip("trimesh")
     folder = tmp_path_factory.mktemp("ball")
-    trimesh.creation.icosphere(6, 0.3).export(folder / "ball.stl")
+    trimesh.creation.icosphere(5, 0.3).export(folder / "ball.stl")
     shapes = '<visual><geometry><mesh filename="ball.stl"/></geometry></visual>'
     shapes += '<visual><origin xyz="0 0 -0.5"/><geometry><box size="0.2 0.2 0.2"/></geometry></visual>'
     file = folder / "ball.urdf"
@@ -55,7 +55,7 @@ def test_packed_triangles_are_those_of_the_file_to_the_step_of_its_box(ball):
         want, got = piece.points[piece.triangles], points[triangles]
         assert got.shape == want.shape
         assert np.abs(got - want).max() <= 0.51 * np.ptp(piece.points, axis=0).max() / STEPS
-    assert sum(len(piece.triangles) for piece in pieces) == 81920 + 12
+    assert sum(len(piece.triangles) for piece in pieces) == 20480 + 12
 
 
 def test_meshes_are_full_up_to_the_limit_and_one_note_says_what_was_simplified(ball, tmp_path):
@@ -67,12 +67,12 @@ def test_meshes_are_full_up_to_the_limit_and_one_note_says_what_was_simplified(b
         sizes.append(0 if full is None else len(full["data"]))
         counts.append(0 if full is None else sum(piece["triangles"] for piece in full["pieces"]))
         assert len(notes) == (limit == LIMIT)
-        assert limit != LIMIT or "81920" in notes[0]
+        assert limit != LIMIT or "20480" in notes[0]
         assert sum(len(body["faces"]) for body in model["bodies"]) <= FACES + 6
-    assert counts[0] == 81932
-    assert FACES < counts[1] < 81920
+    assert counts[0] == 20492
+    assert FACES < counts[1] < 20480
     assert counts[2] == 0
-    assert sizes[1] <= 1e6 * LIMIT < sizes[0] < 4e6
+    assert sizes[1] <= 1e6 * LIMIT < sizes[0] < 1e6
     with pytest.raises(ValueError, match="mesh_limit"):
         show(in_posture(ball), ball, path=tmp_path / "page.html", mesh_limit=-1.0)
 

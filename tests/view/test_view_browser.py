@@ -217,6 +217,7 @@ def test_plots_follow_the_time_and_the_time_follows_them(seen):
     assert told["two"] == 2
 
 
+@pytest.mark.quick("flags1-*")
 @pytest.mark.parametrize(("flags", "plays"), [((), True), (("--force-prefers-reduced-motion",), False)])
 def test_nothing_moves_by_itself_for_those_who_do_not_want_it(page, tmp_path, flags, plays):
     (told,), console = found_in(page, "return viewer.state.playing;", tmp_path, *flags)

@@ -90,6 +90,7 @@ def test_where_no_plan_can_be_walked_the_most_common_reason_is_told(scene):
         cheapest_plan(scene, count=(1, 1, 1, 1, 1))
 
 
+@pytest.mark.quick("held0")
 @pytest.mark.parametrize("held", [{"step_length": 3.0}, {"com_height": 3.0}, {"half_width": 1.0}])
 def test_what_no_leg_reaches_is_told_as_the_reason(scene, held):
     with pytest.raises(ValueError, match=rf"none of 1 planned walks with {next(iter(held))} .* cannot reach"):
@@ -101,9 +102,9 @@ def test_where_nothing_in_the_usual_box_can_be_walked_slower_plans_are_tried(sce
     def usual(cost):
         return bent(cost) if cost.gait.period > 0.72 else lambda x: (math.inf, "no")
 
-    found = cheapest_plan(scene, count=(4,), searched=usual)
-    assert len(found.trials) == 9
-    assert all(trial.status != "ok" for trial in found.trials[:5])
+    found = cheapest_plan(scene, count=(2,), searched=usual)
+    assert len(found.trials) == 5
+    assert all(trial.status != "ok" for trial in found.trials[:3])
     assert found.plan.walk.step_time > 0.36
     assert found.plan.walk.lift < 0.025
 
@@ -114,6 +115,7 @@ def with_servos(scene, torque, speed):
     return scene.recompiled(replace(scene.model, servos=dict.fromkeys(scene.model.servos, servo)))
 
 
+@pytest.mark.long
 def test_slow_servos_walk_a_plan_of_slow_steps(scene):
     """With 0.6 of the speed the plain plan's references are too fast for the joints."""
     slow = with_servos(scene, 1.0, 0.6)

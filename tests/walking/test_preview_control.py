@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import solve_discrete_are, toeplitz
 
 from featherstone_gait.walking.preview_control import plan_com, preview_controller
 
@@ -67,7 +67,7 @@ def test_the_controller_attains_the_least_cost_that_any_input_can():
     # The same problem as one linear least squares over all inputs: the ZMP is their convolution with its response.
     k = np.arange(1, n + 1)
     response = T**3 * (3 * k * (k - 1) + 1) / 6 - z_c / 9.81 * T
-    A = np.array([[response[i - j - 1] if j < i else 0.0 for j in range(n - 1)] for i in range(n)])
+    A = toeplitz(np.append(0.0, response[: n - 1]), np.zeros(n - 1))
     D = np.eye(n - 1) - np.eye(n - 1, k=-1)
     stacked = np.vstack([np.sqrt(Q) * A, np.sqrt(R) * D])
     target = np.concatenate([np.sqrt(Q) * ref, np.zeros(n - 1)])
