@@ -6,6 +6,7 @@ compiles the others wait for and then read from the cache; one worker more than 
 """
 
 import gc
+import math
 import os
 import sys
 from fnmatch import fnmatchcase
@@ -17,6 +18,7 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: threads of all workers would wait awake
 
 import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo"
+from featherstone_gait.core.compile import progress
 from featherstone_gait.core.compile.jit import JIT
 
 TESTS = Path(__file__).parent
@@ -45,8 +47,9 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
-    """Guard what is compiled."""
+    """Guard what is compiled, and say nothing of it among what tests look at."""
     kinds.guard(pytest.MonkeyPatch())
+    progress.WORTH_SAYING = math.inf
 
 
 @pytest.hookimpl(wrapper=True)
