@@ -11,8 +11,8 @@ PATIENCE = 0.5  # [s] before a terminal's line moves
 OFTEN = 0.2  # [s] between two updates of the line
 NOTEBOOK = "ipykernel"  # whose streams are no terminals and show a line that is written anew
 WORTH_SAYING = 1.0  # [s] that compiling takes at least where it is announced
-# What an entry takes on an idle core of 2026, by the arrays and numbers that it reads beyond the first [s]: of 155 entries
-# that tests compiled, 77 % took between half and twice as long.
+# What an entry takes on an idle core of 2026, by the arrays and numbers that it reads beyond the first [s]: of 155
+# entries that tests compiled, 77 % took between half and twice as long.
 EACH, FIRST = 0.15, 12
 
 
