@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import mannwhitneyu
 
 from ..optimize.search import AMPLITUDE, MAX_MISS
 from ..search import AdaptiveSimulatedAnnealing, cma_es, run_together
@@ -179,6 +178,8 @@ def _sound(result: MethodResult) -> Claim:
 
 
 def _p(result: MethodResult, less: str, greater: str) -> float:
+    from scipy.stats import mannwhitneyu  # slow to import
+
     return float(mannwhitneyu(result.costs(less), result.costs(greater), alternative="less").pvalue)
 
 
