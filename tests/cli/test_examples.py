@@ -22,6 +22,7 @@ SMALLER = {
     "optimize": "--iterations 8 --worlds 2 --test-worlds 2 --no-baselines",
     "crosscheck": "--strides 1 --floors 2ms_0.9",
     "simulate": "--duration 0.2",
+    "drive": "--duration 0.2 --port 8391",
     "reproduce": "servo_step",
     "warm-up": "--only",
 }
@@ -79,6 +80,7 @@ def test_an_example_runs(line, folder, monkeypatch, tmp_path):
     monkeypatch.chdir(folder)
     files_of(line, folder)
     monkeypatch.setattr(live.Live, "wait", lambda self: self.stop())
+    monkeypatch.setattr("webbrowser.open", lambda url: True)
     for name in [*FLOORS] if "optimize" in line else ():
         if name not in ("10ms_0.9", "20ms_0.9"):
             monkeypatch.delitem(FLOORS, name)
