@@ -71,7 +71,8 @@ def guard(monkeypatch):
             finalize(self)
             sizes = [(_instructions(one), one.name) for one in self._final_module.functions if not one.is_declaration]
             size, name = max(sizes, default=(0, ""))
-            assert size <= (NOTING if "adjoint" in name else LARGEST), f"{name} has {size} instructions; keep a function that it calls `apart` (jit.py)"
+            most = NOTING if "adjoint" in name else LARGEST
+            assert size <= most, f"{name} has {size} instructions; keep a function that it calls `apart` (jit.py)"
 
         monkeypatch.setattr(Whole, "finalize", counted)
 

@@ -73,7 +73,7 @@ def test_a_pull_is_limited_accelerates_by_force_over_mass_and_ends_when_the_page
         until(lambda: page.driven.seen["base_qd"][0, 0] > 0.3)  # of 1.25 m/s in the time until silence
         until(lambda: page._grab is None)  # no message for SILENCE
         until(lambda: not page.driven._pushed)
-        run = page.driven.trajectory()
+    run = page.driven.trajectory()  # no step is taken meanwhile
     force, speed = run["push"][:, 4:], np.diff(run["base_q"][:, 0]) / page.driven.session.tick
     pulled = np.flatnonzero(force[:, 0])
     assert force[pulled] == pytest.approx(np.tile([LIMIT, 0.0, 0.0], (len(pulled), 1)), rel=1e-12)
