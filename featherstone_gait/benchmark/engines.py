@@ -127,8 +127,8 @@ def humanoid_spec(model: Model) -> Any:
         servo = model.servos[joint.name]
         torque = servo.gearbox.ratio * servo.motor_constant
         kp = 1.0 / (1.0 / servo.gearbox.stiffness + servo.resistance / (torque * servo.controller.Kp))
-        kv = torque**2 / servo.resistance + servo.viscous_friction
-        spec.joint(joint.name).armature = servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+        kv = torque**2 / servo.resistance + servo.viscous_friction + servo.gearbox.reflected_damping
+        spec.joint(joint.name).armature = servo.gearbox.reflected_inertia
         actuator = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.set_to_position(kp=kp, kv=kv)
         limit = torque * servo.current_limit

@@ -46,12 +46,11 @@ def linearized(model: Model, servo: Servo, kind: str) -> Linear:
     M, one, q, rest = mass_matrix(model, np.zeros(n)), np.eye(n), SMALL_ANGLE * np.eye(n), np.zeros((n, n))
     G = (inverse_dynamics(model, q, rest, rest) - inverse_dynamics(model, -q, rest, rest)).T / (2 * SMALL_ANGLE)
     torque = g.ratio * servo.motor_constant / servo.resistance  # [N m/V]
-    motor, own = torque * g.ratio * servo.motor_constant, servo.viscous_friction
-    rotor = g.ratio**2 * g.rotor_inertia
+    motor, own = torque * g.ratio * servo.motor_constant + g.reflected_damping, servo.viscous_friction
+    rotor = g.reflected_inertia
     if kind != "mipsd":
         inertia = M + rotor * one if kind == "rotor" else M
         return Linear(inertia, (motor + own) * one, G, 0.0 * one, torque * one)
-    motor = motor + g.ratio**2 * g.rotor_damping
     between = np.block([[one, -one], [-one, one]])
     return Linear(
         block_diag(M, rotor * one),

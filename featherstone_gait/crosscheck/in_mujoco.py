@@ -416,8 +416,10 @@ def _machine(
             servo = servos[name]
             m.dof_damping[address] += servo.viscous_friction
             m.dof_frictionloss[address] += 0.0 if is_gentle(servo, h) else servo.coulomb_friction
+            if scene.gearbox != "mipsd":
+                m.dof_damping[address] += servo.gearbox.reflected_damping
             if scene.gearbox == "rotor":
-                m.dof_armature[address] += servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+                m.dof_armature[address] += servo.gearbox.reflected_inertia
     q, motor, rotor = np.array([joint.qposadr[0] for joint in joints]), v, None
     if scene.gearbox == "mipsd":
         rotors = [m.joint(PREFIX * (name in servos) + name) for name in model.joint_names]  # else the joint itself
@@ -445,7 +447,7 @@ def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
     bodies, tendons, (mass, inertia) = list[str](), list[str](), LIGHT
     for name, servo in servos.items():
         gear, rotor = servo.gearbox, PREFIX + name
-        reflected, damping = gear.ratio**2 * gear.rotor_inertia, gear.ratio**2 * gear.rotor_damping
+        reflected, damping = gear.reflected_inertia, gear.reflected_damping
         hinge = {"name": rotor, "axis": "0 0 1", "armature": reflected - inertia, "damping": damping}
         inertial = {"pos": "0 0 0", "mass": mass, "diaginertia": [inertia] * 3}
         bodies += element("body", {"name": rotor}, [*element("inertial", inertial), *element("joint", hinge)])

@@ -79,6 +79,16 @@ class Gearbox:
         check(number_flaws("gearbox", "ratio", self.ratio, "> 0", "rotor turns per joint turn", remedy))
         check(quantity_flaws("gearbox", self))
 
+    @property
+    def reflected_inertia(self) -> float:
+        """Inertia of the rotor at the joint, G^2 J [kg m^2]."""
+        return self.ratio**2 * self.rotor_inertia
+
+    @property
+    def reflected_damping(self) -> float:
+        """Viscous friction of the rotor at the joint, G^2 B_vr [N m s/rad]."""
+        return self.ratio**2 * self.rotor_damping
+
 
 def depends_on_load_or_speed(gearbox: Gearbox) -> bool:
     """Return whether a gearbox has dry friction beyond Coulomb's (models M2 to M6).

@@ -88,7 +88,7 @@ def rotor_step(gearbox: Gearbox, h: float) -> np.ndarray:
     It takes (twist, rotor's speed, motor's torque, joint's speed) to twist and speed, first at the end of the step,
     second in the mean over it.  All at the output side [rad, rad/s, N m]; the twist is rotor less joint.
     """
-    inertia, damping = gearbox.ratio**2 * gearbox.rotor_inertia, gearbox.ratio**2 * gearbox.rotor_damping
+    inertia, damping = gearbox.reflected_inertia, gearbox.reflected_damping
     rates = np.zeros((6, 6))  # of twist and speed, of what is held, and of the integrals of twist and speed
     rates[0, :4] = 0.0, 1.0, 0.0, -1.0
     rates[1, :4] = np.array([-gearbox.stiffness, -(damping + gearbox.damping), 1.0, gearbox.damping]) / inertia

@@ -184,7 +184,7 @@ def _step_map(model: Model, gearbox: GearboxKind, step: float) -> np.ndarray:
     """
     n, servo = len(model.joint_names), next(iter(model.servos.values()))
     gear, zero = servo.gearbox, np.zeros(len(model.joint_names))
-    constant, rotor = gear.ratio * servo.motor_constant, gear.ratio**2 * gear.rotor_inertia
+    constant, rotor = gear.ratio * servo.motor_constant, gear.reflected_inertia
     mass, small = mass_matrix(model, zero), 1e-6
     weight = np.array([inverse_dynamics(model, small * e, zero, zero) / small for e in np.eye(n)]).T
     if gearbox == "rotor":

@@ -99,7 +99,7 @@ def run(settings: ServoTermsSettings = QUICK) -> ServoTermsResult:
 def _damping(model: Model) -> float:
     """Return the viscous damping of a servo with that of its rotor, at the output [N m s/rad]."""
     (servo,) = model.servos.values()
-    return servo.viscous_friction + servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
+    return servo.viscous_friction + servo.gearbox.reflected_damping
 
 
 def _lag(settings: ServoTermsSettings, model: Model) -> float:

@@ -101,7 +101,7 @@ def build_drive(model: Model, kind: GearboxKind | None) -> Drive:
         raise ValueError(f"{model.name} mixes pd servos with sampled ones; give all joints one kind of law")
     armature = joint_armature(model)
     if kind == "rotor":
-        rotors = np.array([s.gearbox.ratio**2 * s.gearbox.rotor_inertia if s else 0.0 for s in servos])
+        rotors = np.array([s.gearbox.reflected_inertia if s else 0.0 for s in servos])
         armature = rotors if armature is None else armature + rotors
     return Drive(kind, servos, _actuator(model, servos, kind, continuous.pop()), armature)
 
@@ -158,8 +158,8 @@ def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
             )
         fill(row, g)
         row.gap = 0.5 * g.backlash
-        row.inertia = g.ratio**2 * g.rotor_inertia
-        row.rotor_damping = g.ratio**2 * g.rotor_damping
+        row.inertia = g.reflected_inertia
+        row.rotor_damping = g.reflected_damping
         row.tooth_damping = g.damping / (TOOTH_LOAD * stall_torque(servo))
     return table
 

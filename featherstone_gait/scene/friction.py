@@ -37,7 +37,7 @@ def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bo
             if own_drive:
                 row.viscous_friction = 0.0
             if drive.kind != "mipsd":  # whose rotor turns by itself
-                row.viscous_friction += rotor_damping(servo)
+                row.viscous_friction += servo.gearbox.reflected_damping
         row.steepness = 1.0 / max(_width(joint, servo), SOFT if soft else STUCK)
         row.viscous_friction = joint.damping + row.viscous_friction
         row.coulomb_friction = joint.friction + row.coulomb_friction
@@ -49,11 +49,6 @@ def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bo
     for name in FRICTION.names or ():
         plain[name] = table[name]
     return plain
-
-
-def rotor_damping(servo: Servo) -> float:
-    """Return G^2 B_vr, the damping of the rotor at the joint [N m s/rad]."""
-    return servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
 
 
 def build_drag(model: Model) -> np.recarray | None:

@@ -44,12 +44,12 @@ def passive(model: Model, joint: Joint) -> tuple[float, float, float]:
 
 def _damping(servo: Servo) -> float:
     """Return the damping at the output, with the rotor's [N m s/rad]."""
-    return servo.viscous_friction + servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
+    return servo.viscous_friction + servo.gearbox.reflected_damping
 
 
 def rotor_inertia(servo: Servo | None) -> float:
     """Return G^2 J, which a servo adds to its joint [kg m^2]."""
-    return servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia if servo else 0.0
+    return servo.gearbox.reflected_inertia if servo else 0.0
 
 
 def _actuator(name: str, servo: Servo) -> list[str]:
