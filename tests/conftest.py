@@ -47,14 +47,14 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
-    """Guard what is compiled, and say nothing of it among what tests look at."""
+    """Guard what is compiled, and do not announce it: tests look at stderr."""
     kinds.guard(pytest.MonkeyPatch())
-    progress.WORTH_SAYING = math.inf
+    progress.ANNOUNCED = math.inf
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """Collect garbage of no syntax tree while files are read, which takes a third of the time."""
+    """Collect no garbage while test files are read: walking their syntax trees takes a third of that time."""
     gc.disable()
     try:
         return (yield)
@@ -75,7 +75,7 @@ def pytest_runtest_protocol(item):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Longest first; what `quick` leaves out is long; a share has the tests whose names say so."""
+    """Mark as long what `quick` leaves out, keep one share if asked for, and put the longest tests first."""
     place = {f"test_{name}.py": k for k, name in enumerate(LONGEST)}
     for item in items:
         quick = item.get_closest_marker("quick")

@@ -51,8 +51,8 @@ def test_info_prints_every_link_and_joint_and_writes_the_same_where_it_is_asked_
     printed = capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
     assert cli.main([*asked, "--out", "here"]) == 0
-    told = capsys.readouterr().out
-    assert told == printed + f"\nfiles: {Path('here') / 'humanoid_info.txt'}\n"
+    with_files = capsys.readouterr().out
+    assert with_files == printed + f"\nfiles: {Path('here') / 'humanoid_info.txt'}\n"
     assert (tmp_path / "here" / "humanoid_info.txt").read_text("utf-8") == printed
     model = load_robot("humanoid", locked="simplified")
     rows = {line.split()[0]: line.split() for line in reversed(printed.splitlines()) if line}  # the first wins
@@ -528,9 +528,9 @@ scene.integrator = ["simtwo", "implicit_euler"]
 """
     (tmp_path / "both.toml").write_text(text)
     assert cli.main(["study", str(tmp_path / "both.toml"), "--out", str(tmp_path)]) == 1
-    told = capsys.readouterr().out
-    assert "status: chatter 1, ok 1\n" in told or "status: ok 1, chatter 1\n" in told
-    assert "1 of 2 rows are not ok" in told
+    printed = capsys.readouterr().out
+    assert "status: chatter 1, ok 1\n" in printed or "status: ok 1, chatter 1\n" in printed
+    assert "1 of 2 rows are not ok" in printed
     assert len((tmp_path / "both.csv").read_text().splitlines()) == 4  # format, header, rows
     (tmp_path / "one.toml").write_text(text.replace('"simtwo", ', ""))
     assert cli.main(["study", str(tmp_path / "one.toml"), "--out", str(tmp_path)]) == 0

@@ -147,7 +147,7 @@ def test_what_takes_more_than_a_second_is_said_once(terminal, monkeypatch, capsy
     """Before it is compiled, with an estimate; on a terminal the line counts functions."""
     monkeypatch.setattr(jit, "CACHE_FOLDER", str(tmp_path))  # an empty one: a kernel that is kept is compiled no more
     monkeypatch.setattr(progress, "PATIENCE", -1.0)
-    monkeypatch.setattr(progress, "WORTH_SAYING", 1.0)
+    monkeypatch.setattr(progress, "ANNOUNCED", 1.0)
     monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
 
     @entry
@@ -169,7 +169,7 @@ def test_short_work_and_quiet_commands_say_nothing(monkeypatch, capsys, tmp_path
     def tell(x):
         return 3.0 * x
 
-    monkeypatch.setattr(progress, "WORTH_SAYING", 1.0)
+    monkeypatch.setattr(progress, "ANNOUNCED", 1.0)
     assert tell(1.0) == 3.0
     monkeypatch.setattr(jit, "estimate", lambda kinds: 7.0)
     monkeypatch.setattr("sys.stderr.plain", True, raising=False)  # as `--quiet` sets it

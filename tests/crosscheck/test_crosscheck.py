@@ -74,8 +74,9 @@ def gait_file(cost, tmp_path):
 def test_an_arm_without_contact_moves_as_in_this_package(servos):
     """The same to first order in MuJoCo's step: positions, what drives them, and the energy drawn."""
     model = load_robot("arm7_spatial")
-    slowed = {name: replace(one, gearbox=replace(one.gearbox, rotor_damping=3e-7)) for name, one in model.servos.items()}
-    model, rng, n = replace(model, servos=slowed), np.random.default_rng(0), len(model.joint_names)
+    (servo, *_), n = model.servos.values(), len(model.joint_names)
+    servo = replace(servo, gearbox=replace(servo.gearbox, rotor_damping=3e-7))
+    model, rng = replace(model, servos=dict.fromkeys(model.joint_names, servo)), np.random.default_rng(0)
     reference = Reference(0.04 * np.arange(13), np.cumsum(0.05 * rng.normal(size=(13, n)), axis=0))
     scene = compile_scene(model, servos)
     record = ("q", "current", "energy")

@@ -308,9 +308,9 @@ def test_an_interrupted_job_resumes_to_the_same_gait(job, tmp_path):
 
 def test_what_is_found_is_tried_in_worlds_that_no_search_has_seen(job, cost):
     _, report = job
-    told = report["elsewhere"]["after"]
-    assert (told["worlds"], told["strides"]) == (2, 20)
-    assert told["walks"] in (0.0, 0.5, 1.0)
+    reported = report["elsewhere"]["after"]
+    assert (reported["worlds"], reported["strides"]) == (2, 20)
+    assert reported["walks"] in (0.0, 0.5, 1.0)
     again = measure_in_test_worlds(cost, [cost.gait.to_vector()], 2)[0]
     assert again == report["elsewhere"]["before"]
     assert again["cost"] == sorted(again["cost"])

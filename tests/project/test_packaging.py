@@ -129,8 +129,8 @@ def test_every_public_name_is_there_once():
 def test_type_checkers_know_every_public_name():
     tree = ast.parse(Path(featherstone_gait.__file__).with_suffix(".pyi").read_text("utf-8"))
     imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    told = {alias.name for node in imports for alias in node.names if alias.asname == alias.name}
-    assert told == set(featherstone_gait.__all__)
+    found = {alias.name for node in imports for alias in node.names if alias.asname == alias.name}
+    assert found == set(featherstone_gait.__all__)
 
 
 def test_readme_has_commands_that_exist():

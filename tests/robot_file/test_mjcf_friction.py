@@ -160,7 +160,7 @@ def test_friction_of_a_class_is_that_of_its_geoms(tmp_path):
 
 
 def test_links_of_one_robot_have_the_friction_of_their_geoms(tmp_path):
-    """Of two branches; MuJoCo lets neighbors touch by a <pair> alone."""
+    """The links are on two branches, since MuJoCo lets a link touch its parent only by a <pair>."""
     arm = '<body name="{0}" pos="0 {1} 0"><joint axis="1 0 0"/><geom name="{0}" size=".1" mass="1" {2}/></body>'
     left, right = arm.format("l", -0.0999, 'friction=".3" condim="1"'), arm.format("r", 0.0999, 'friction=".2"')
     trunk = '<body name="trunk"><freejoint/><geom name="t" size=".02" mass="1"/>'
@@ -198,7 +198,7 @@ def wall_and_ball(frictions=(), pairs="all", **moments):
 )
 @pytest.mark.parametrize("pairs", ["all", PairContact(friction=0.2, torsional_friction=1e-3)])
 def test_friction_that_a_scene_states_is_saved(tmp_path, frictions, pairs):
-    """Of two that fit, the last one counts; numbers left out are those of the shapes."""
+    """The last statement that fits two shapes counts; numbers that it leaves out are those of the shapes."""
     scene = wall_and_ball(frictions, pairs, rolling_friction=2e-4)
     save_scene(scene, tmp_path / "one.xml")
     again = load_scene(tmp_path / "one.xml", strict=True)
@@ -289,12 +289,12 @@ def test_a_flag_for_all_contacts_is_warned_of(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("above", "pair", "told"),
+    ("above", "pair", "noted"),
     [("", None, False), ('solref=".01 1"', None, True), ('solimp=".8 .9"', None, True), ("", 'solref=".01 1"', True)],
 )
-def test_how_geoms_give_way_is_noted_if_a_file_states_it(tmp_path, above, pair, told):
+def test_how_geoms_give_way_is_noted_if_a_file_states_it(tmp_path, above, pair, noted):
     scene = load_scene(written(tmp_path, "", above, pair), strict=True)
-    assert any("solref" in note and "'b'" in note for note in scene.notes) == told
+    assert any("solref" in note and "'b'" in note for note in scene.notes) == noted
 
 
 # ---------------------------------------------------------------------------------------------- motion

@@ -1,4 +1,4 @@
-"""Company for a robot on a fixed base: a branch with one of each passive part, so that tests of each share a kind.
+"""Give a robot on a fixed base company: a branch with one passive part of each kind, so that their tests share a kind.
 
 It hangs on the same base, rests, and moves nothing else.  Its joints and tendons come last, and `simulated` returns the
 run without them.

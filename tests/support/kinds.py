@@ -1,4 +1,4 @@
-"""The kinds of scenes that quick tests simulate: a kind takes 2 to 15 s of compiling, so that there are few of them.
+"""The kinds of scenes that quick tests simulate.  Each takes 2 to 15 s of compiling, so there are few.
 
 What a run is compiled for depends on which parts of scene, signals and workspace are there, not on their numbers.
 kinds.toml lists the kinds by name.  A quick test that simulates another one fails, and says in what it differs from the
@@ -9,10 +9,10 @@ import functools
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from featherstone_gait.core.compile.jit import JIT
+from featherstone_gait.core.compile.varying import Varying
 from featherstone_gait.run.compiled_run import CompiledRun
 
 LIST = Path(__file__).with_name("kinds.toml")
@@ -23,12 +23,12 @@ running = []  # the test that runs, if it is a quick one
 
 @functools.cache
 def listed():
-    """The parts of each kind, by name."""
+    """Return the parts of each kind, by name."""
     return {name: frozenset(words.split()) for name, words in tomllib.loads(LIST.read_text("utf-8")).items()}
 
 
 def kind_of(kernel, run):
-    """What is compiled: kernel, integrator, and the parts that are there; `~` marks numbers that vary between lanes."""
+    """Return the kernel, the integrator and the parts that are present; `~` marks numbers that vary between lanes."""
     words = {kernel.__name__, type(run.work).__name__}
     for name in ("scene", "signals"):
         words.update(_parts(getattr(run, name), ()))
@@ -43,9 +43,8 @@ def _parts(x, path):
         return
     fields = getattr(x, "_fields", range(len(x)) if isinstance(x, tuple) else None)
     if fields is None:
-        rank = f":{x.ndim}" if isinstance(x, np.ndarray) and path[-1:] == ("stage",) else ""
-        yield ".".join(path) + rank
-    elif fields == ("values",) or type(x).__name__ == "Varying":
+        yield ".".join(path)
+    elif isinstance(x, Varying):
         yield ".".join(path) + "~"
     else:
         for field, part in zip(fields, x):
@@ -53,7 +52,7 @@ def _parts(x, path):
 
 
 def guard(monkeypatch):
-    """Let runs of quick tests be of listed kinds alone, and functions be of a size that compiles."""
+    """Fail quick tests that simulate an unlisted kind, and any test that compiles too large a function."""
     call = CompiledRun.call
 
     def checked(self, kernel, run, y, out):

@@ -1,4 +1,4 @@
-"""What is said on stderr while kernels are compiled, which takes seconds."""
+"""Announce on stderr that kernels are compiled, which takes seconds, and show the progress."""
 
 import gc
 import sys
@@ -10,31 +10,31 @@ from numba.core.event import Listener, install_listener
 PATIENCE = 0.5  # [s] before a terminal's line moves
 OFTEN = 0.2  # [s] between two updates of the line
 NOTEBOOK = "ipykernel"  # whose streams are no terminals and show a line that is written anew
-WORTH_SAYING = 1.0  # [s] that compiling takes at least where it is announced
+ANNOUNCED = 1.0  # [s] from which on compiling is announced
 # What an entry takes on an idle core of 2026, by the arrays and numbers that it reads beyond the first [s]: of 155
 # entries that tests compiled, 77 % took between half and twice as long.
 EACH, FIRST = 0.15, 12
 
 
 class Progress(Listener):
-    """Progress of compiling one entry and what it calls: a line, which on a terminal counts functions."""
+    """Show the progress of compiling one entry: a line, which on a terminal counts the functions that are done."""
 
     def __init__(self, name, kept, seconds):
         self.seconds = seconds
-        about = f"about {self.seconds:.0f} s" if self.seconds >= WORTH_SAYING else ""
+        about = f"about {self.seconds:.0f} s" if self.seconds >= ANNOUNCED else ""
         how = ", ".join(filter(None, [about, "once, then kept" if kept else ""]))
         self.text = f"compiling {name}" + (f" ({how})" if how else "")
         self.begun, self.count, self.shown = time.monotonic(), 0, 0.0
 
     def on_start(self, event):
-        """Count a function that Numba begins to compile; say so before the first one if it is worth it."""
+        """Count a function that Numba begins to compile; announce the entry before its first function."""
         stream, first = sys.stderr, self.count == 0
         self.count += 1
         if stream is None or getattr(stream, "plain", False) or current[-1] is not self:
             return
         now = time.monotonic()
         if not (stream.isatty() or NOTEBOOK in type(stream).__module__):
-            if first and self.seconds >= WORTH_SAYING:
+            if first and self.seconds >= ANNOUNCED:
                 stream.write(f"{self.text}\n")
                 stream.flush()
         elif now - self.begun > PATIENCE and now - self.shown > OFTEN:
@@ -44,7 +44,7 @@ class Progress(Listener):
             stream.flush()
 
     def on_end(self, event):
-        """Take no notice of a function that is done."""
+        """Do nothing: functions are counted when they begin."""
 
     def end(self):
         """Leave the line as it is."""
@@ -68,7 +68,7 @@ current = []  # what is being compiled, innermost last
 
 @contextmanager
 def compiling(name, kept, seconds):
-    """Say what is being compiled; meanwhile no garbage is collected: a compiler keeps nearly all it makes."""
+    """Announce what is compiled, and collect no garbage meanwhile: a compiler keeps nearly all that it makes."""
     collects, progress = gc.isenabled(), Progress(name, kept, seconds)
     current.append(progress)
     gc.disable()

@@ -74,9 +74,9 @@ def friction_pairs(scene: SceneModel, geoms: Sequence[Geom], written: Collection
         if links[1] in one.near and {stated.a, stated.b} != {one.names[-1], two.names[-1]}:
             continue
         mu, torsional, rolling = frictions.of((one.names, two.names), one.shape, two.shape)
-        told = _stated((mu, torsional, rolling))
-        told["friction"] = " ".join(map(repr, (mu, mu, torsional, rolling, rolling)))
-        yield Element("pair", {"geom1": one.name, "geom2": two.name, **told})
+        attributes = {"geom1": one.name, "geom2": two.name, **_stated((mu, torsional, rolling))}
+        attributes["friction"] = " ".join(map(repr, (mu, mu, torsional, rolling, rolling)))
+        yield Element("pair", attributes)
 
 
 def unranked(geoms: Iterable[Geom], written: Iterable[str]) -> str:
