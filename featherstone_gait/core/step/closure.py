@@ -106,7 +106,7 @@ def close_loops(loops, contact, step):
             _close((number, number + 1), span, loops, contact, step)
 
 
-@inline
+@apart
 def _close(which, span, loops, contact, step):
     """Keep the loops of a span closed, of the trees `which`, first and end; their factors are those of moves."""
     scene, work, lines = step.scene, step.closing, lines_of(step.scene.tendons)
