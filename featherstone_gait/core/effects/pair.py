@@ -294,7 +294,7 @@ def _approach(pairs, pair, predicted, step):
     blind = select(h < span, span * speed, zero)
     rb = add(rb, shift)
     gap = gap_at_least(a, b, Ea, Eb, sub(ra, rb), select(far > blind, far, blind))
-    _jump((gap < blind) & (blind > _thickness(a, b)), step)
+    _jump((gap < blind) & (blind > thickness(a, b)), step)
     near = gap < far
     put_pair(placing, (Ea, ra), (Eb, rb), far, near)
     store3(placing, 2, 0, shift)
@@ -478,7 +478,7 @@ def _jump(mask, step):
 
 
 @inline
-def _thickness(a, b):
+def thickness(a, b):
     """Return a way [m] on which a body does not pass the middle of another."""
     if b.kind >= HALF_SPACE:
         return FAR

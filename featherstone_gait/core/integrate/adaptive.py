@@ -12,10 +12,25 @@ from ..effects.actuator import controller_of
 from ..effects.controller import apply_delayed
 from ..effects.pair import FULL
 from ..effects.push import EVENT_MARGIN, next_edge
-from ..step.pace import ATTEMPTS, EVALUATIONS, EVENT, GRID, INSIDE, MARK, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
+from ..step.pace import (
+    ATTEMPTS,
+    EVALUATIONS,
+    EVENT,
+    GRID,
+    INSIDE,
+    MARK,
+    NEXT,
+    PACE,
+    REJECTED,
+    SINCE,
+    STEP,
+    STEPS,
+    UNTIL,
+)  # fmt: skip
 from ..step.pool import longest_step, renew_pool
 from ..step.program import writes_torques
 from ..step.signals import next_knot, time_of
+from ..step.sweep import first_contact, keep_start, take_back
 from ..tree.coupling import follow
 from .integrator import (
     begin_interval,
@@ -24,6 +39,7 @@ from .integrator import (
     looks_ahead,
     record_within,
     take_adaptive_step,
+    take_up_again,
 )
 from .rollout import TOO_COSTLY, TOO_SMALL, inspect, record, tick
 
@@ -126,8 +142,19 @@ def _cross(run, y, k, end, most, out):
         if longest < 0.0:
             y[run.offsets[0].status] = FULL
             return True
+        keep_start(run.scene.pairs, run, y)
         h = take_adaptive_step(run.work, run, y, t + done, min(longest, until - done))
         follow(run.scene.coupling, run.offsets[0], y)
+        met = first_contact(run.scene.pairs, run, y, h)
+        if met < 1.0 and met * h > plan.least_step:  # a contact lies within the step: end it there
+            take_back(run.scene.pairs, run, y)
+            take_up_again(run.work, run, y, t + done)
+            pace[STEP] = met * h
+            pace[REJECTED] += 1.0
+            if pace[STEPS] + pace[REJECTED] >= most:
+                y[run.offsets[0].status] = TOO_COSTLY
+                return True
+            continue
         next_record = record_within(run.work, run, y, (t + done, h, end), next_record, out)
         pace[NEXT] = next_record
         done = until if h >= until - done else done + h

@@ -33,6 +33,7 @@ from .integrator import (
     record_within,
     scratch,
     take_adaptive_step,
+    take_up_again,
 )
 from .rollout import record as write_record
 from .tableau import E3, E5, NODES, WEIGHTS, D
@@ -98,6 +99,8 @@ def _renew_slope(work, run, y, t):
     """Evaluate the slope at the start of the next step, after an event."""
     _renew(run, y, t)
 
+
+take_up_again.of(DormandPrince)(lambda work, run, y, t: _renew(run, y, t))
 
 @inline
 def _renew(run, y, t):

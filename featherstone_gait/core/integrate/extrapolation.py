@@ -48,7 +48,7 @@ from ..step.signals import evaluate
 from ..tree.ball import unit_balls
 from ..tree.forest import base_count, joint_count
 from ..tree.kinematics import unit_quaternions
-from .integrator import Integrator, begin_interval, begin_run, scratch, take_adaptive_step
+from .integrator import Integrator, begin_interval, begin_run, scratch, take_adaptive_step, take_up_again
 
 LONGEST, LONGEST_LINEAR = 12, 9  # columns in powers of h^2 and h; one more multiplies rounding by 2.2 and 3.4
 SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
@@ -492,6 +492,7 @@ def _first_slope(implicit, run, y, t):
 
 
 begin_interval.of(Ladder)(lambda work, run, y, t: _first_slope(work.implicit, run, y, t))
+take_up_again.of(Ladder)(lambda work, run, y, t: _first_slope(work.implicit, run, y, t))
 
 
 @inline

@@ -110,6 +110,11 @@ def begin_interval(work, run, y, t):
 
 
 @overridable
+def take_up_again(work, run, y, t):
+    """Make the workspace ready to step once more from the state y at t [s]."""
+
+
+@overridable
 def record_within(work, run, y, interval, record, out):
     """Record what lies within the last step, if it lies there; interval: its start, its length, the next grid step.
 
@@ -185,10 +190,13 @@ def renewal_of(sizes: Sizes, zeros) -> Renewal | None:
     """Make the arrays with which the pool is renewed, None without pairs."""
     if sizes.pairs is None:
         return None
+    coordinates = int(sizes.offsets["base_qd"])
     return Renewal(
-        last=zeros(7 * sizes.trees + sizes.n), ways=zeros((3, sizes.bodies + 1)),
+        last=zeros(7 * sizes.trees + sizes.n), ways=zeros((4, sizes.bodies + 1)),
         weights=zeros(sizes.trees + sizes.n), due=zeros(len(sizes.pairs.pairs)),
-        frames=zeros(sizes.workspace), kept=zeros((int(sizes.pairs.slots[0]), KEPT)), **_narrow_phase(sizes, zeros),
+        frames=zeros(sizes.workspace), kept=zeros((int(sizes.pairs.slots[0]), KEPT)),
+        before=zeros(int(sizes.offsets["length"])), rates=zeros((2, coordinates)), within=zeros(coordinates),
+        **_narrow_phase(sizes, zeros),
     )  # fmt: skip
 
 

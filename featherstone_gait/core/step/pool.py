@@ -37,7 +37,7 @@ SEEN = 4.0  # times the resting depth
 KEPT = 10  # numbers of a slot that move with its pair: pair, feature, bristle, normal force, bristles of the moment
 ROUNDED = 1.001  # by how much more than the margin a gap is less
 CHORD = 3.141592653589793  # an angle [rad] by the distance of its quaternions is at most this
-WAY, MOVED, SPEED = 0, 1, 2  # rows of `Renewal.ways`
+WAY, MOVED, SPEED, PATH = 0, 1, 2, 3  # rows of `Renewal.ways`
 
 
 @structure
@@ -45,11 +45,15 @@ class Renewal(NamedTuple):
     """Hold coordinates, ways and gaps of pairs from the last renewal of the pool, and scratch arrays."""
 
     last: np.ndarray  # (7 trees + joints,) coordinates then
-    ways: np.ndarray  # (3, bodies + 1) bounds of the way of each body's shapes so far and since then [m], speed [m/s]
+    # (4, bodies + 1) bounds of the way of each body's shapes so far and since then [m], speed [m/s], way in a step [m]
+    ways: np.ndarray
     weights: np.ndarray  # (trees + joints,) most that a meter of a base or a unit of a joint takes of a pair's budget
     due: np.ndarray  # (pairs,) the way of both shapes that they may have come when they must be looked at again [m]
     frames: np.ndarray  # poses, in the rows of the tree's workspace
     kept: np.ndarray  # (slots, KEPT)
+    before: np.ndarray  # (length of the state,) before a step, see sweep.py
+    rates: np.ndarray  # (2, coordinates) of the coordinates, before and after it
+    within: np.ndarray  # (coordinates,) at an instant between
     placing: np.ndarray  # the same as in Pool, and so are the others
     poses: np.ndarray
     manifold: np.ndarray
@@ -174,10 +178,10 @@ def _renew(pairs, run, y, h):
     posed, wide, least = False, 0, 0
     for k in range(len(pairs.pairs)):
         pair = pairs.pairs[k]
-        way, step = _between(pair, room.ways, WAY), _way_of(_between(pair, room.ways, SPEED), h)
+        way, step = way_between(pair, room.ways, WAY), _way_of(way_between(pair, room.ways, SPEED), h)
         if any_lane((room.due[k] - way < SPENDING * step) & going):
             if not posed:
-                _pose_all(run, y)
+                pose_all(run, y)
                 posed = True
             room.due[k] = way + _least_gap(pairs, pair, o, y, room, FARTHER * step)
             if any_lane((room.due[k] - way < SPENDING * step) & going):
@@ -191,7 +195,7 @@ def _renew(pairs, run, y, h):
 
 
 @inline
-def _pose_all(run, y):
+def pose_all(run, y):
     """Fill the poses of all bodies."""
     scene, o = run.scene, run.offsets[0]
     n = joint_count(scene.trees, scene.tree)
@@ -229,7 +233,7 @@ def _move_on(pairs, run, y):
 
 
 @inline
-def _between(pair, ways, row):
+def way_between(pair, ways, row):
     """Return a bound for the two shapes of a pair from those of their bodies: what both have in common is neither's."""
     b = pair.body_b if pair.tree_b >= 0 else ways.shape[1] - 1
     return ways[row, pair.body_a] + ways[row, b] - 2.0 * ways[row, pair.meet]
@@ -260,8 +264,8 @@ def _deal_out(pairs, y, h, run, spending):
         room.weights[i] = 0.0
     for k in range(len(pairs.pairs)):
         pair = pairs.pairs[k]
-        left = room.due[k] - _between(pair, room.ways, WAY)
-        if any_lane((left < spending * _way_of(_between(pair, room.ways, SPEED), h)) & going):
+        left = room.due[k] - way_between(pair, room.ways, WAY)
+        if any_lane((left < spending * _way_of(way_between(pair, room.ways, SPEED), h)) & going):
             if used + pair.slots <= slots:
                 while old < before and not any_lane(kept[old, 0] > k):
                     old += 1
@@ -312,7 +316,7 @@ def _least_gap(pairs, pair, o, y, room, least):
     a, b, W = pairs.shapes.table[pair.a], pairs.shapes.table[pair.b], room.frames
     Ea, ra = shape_pose(a, pair.tree_a, pair.body_a, W)
     Eb, rb = shape_pose(b, pair.tree_b, pair.body_b, W)
-    c = sub(_in_world(pair.tree_a, ra, o, y), _in_world(pair.tree_b, rb, o, y))
+    c = sub(in_world(pair.tree_a, ra, o, y), in_world(pair.tree_b, rb, o, y))
     far = least + a.bound + pairs.margin
     gap = gap_at_least(a, b, Ea, Eb, c, far)
     near = gap < far
@@ -329,7 +333,7 @@ def _least_gap(pairs, pair, o, y, room, least):
 
 
 @inline
-def _in_world(tree, r, o, y):
+def in_world(tree, r, o, y):
     """Return a point in the frame of a tree in that of the world."""
     if tree < 0:
         return r
