@@ -517,9 +517,7 @@ def _exact(system: _System, chart: AnyChart, outputs: tuple[str, ...], period: f
     return _model(system, chart, outputs, period, (value, error, end), (which, found, jumps))
 
 
-def _suspects(
-    system: _System, chart: AnyChart, widths: np.ndarray, value: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _suspects(system: _System, chart: AnyChart, widths: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the columns in which a step to one side may differ from that to the other by more than it curves.
 
     Also derivatives (rows, columns) below which they do not count.

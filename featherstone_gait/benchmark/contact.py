@@ -316,7 +316,7 @@ def mujoco_run(test: Trial, integrator: Any, contact: str, h: float) -> Once:
     floor = f'<geom type="plane" size="0 0 1" {touch}/>' if test.floor else ""
     option = f'timestep="{h}" gravity="0 0 {-test.gravity}" cone="elliptic" impratio="{100 if stiff else 1}"'
     option += ' noslip_iterations="10"' * contact.endswith("noslip")
-    text = f"<option {option}/><size memory=\"500M\"/><worldbody>{floor}{''.join(bodies)}</worldbody>"
+    text = f'<option {option}/><size memory="500M"/><worldbody>{floor}{"".join(bodies)}</worldbody>'
     m = mujoco.MjModel.from_xml_string(f"<mujoco>{text}</mujoco>")
     m.opt.integrator = integrator
     d, every, count = mujoco.MjData(m), round(test.every / h), len(test.pieces)

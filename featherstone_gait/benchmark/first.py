@@ -83,19 +83,28 @@ CLOSED = """
 from featherstone_gait import initial_state
 from featherstone_gait.benchmark.linkages import closed, delta_robot, four_bar, parallel_ankle
 """
-ANKLE = CLOSED + """
+ANKLE = (
+    CLOSED
+    + """
 scene = compile_scene(parallel_ankle())
 simulate(scene, 0.1, initial_state(scene, closed(scene.model)))
 """
-DRIVEN = CLOSED + """
+)
+DRIVEN = (
+    CLOSED
+    + """
 scene = compile_scene(four_bar(), gearbox="mipsd")
 simulate(scene, 0.1, initial_state(scene, closed(scene.model, crank=1.0, coupler=-1.0, rocker=-1.5)))
 """
-DELTA = CLOSED + """
+)
+DELTA = (
+    CLOSED
+    + """
 model = delta_robot()
 scene = compile_scene(model, pairs="all"{})
 simulate(scene, 0.1, initial_state(scene, {{model.name: closed(model)}}))
 """
+)
 LINKS = 'scene = compile_scene(load_robot("humanoid"), gearbox="mipsd", ground=Ground(), pairs="all")\n'
 MAXIMAL = "from featherstone_gait.reproduction import maximal\n"
 SIMTWO = MAXIMAL + HUMANOID.format(', integrator="simtwo", timestep=1e-3')

@@ -170,7 +170,7 @@ def _own(fall: Fall) -> list[Timed]:
 
 
 def _of_mujoco(fall: Fall) -> list[Timed]:
-    m = check_order(mujoco.MjModel.from_xml_string(mjcf_text(fall.model, None)), fall.model)
+    m = check_order(mujoco.MjModel.from_xml_string(mjcf_text(fall.model)[0]), fall.model)
     m.opt.timestep, m.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_EULER
     disable(m, "CONTACT", "CONSTRAINT", "DAMPER", "ACTUATION")
     d, share, n = mujoco.MjData(m), fall.in_steps(), len(fall.model.joint_names)

@@ -128,7 +128,7 @@ def _own(scene: str, method: str, call: Callable[[], Linearization], exact: np.n
 
 
 def _mujoco(model: Model, ground: Ground | None) -> tuple[Any, Any]:
-    m = check_order(mujoco.MjModel.from_xml_string(mjcf_text(model, ground)), model)
+    m = check_order(mujoco.MjModel.from_xml_string(mjcf_text(model, ground)[0]), model)
     m.opt.timestep = STEP
     return m, mujoco.MjData(m)
 

@@ -358,8 +358,12 @@ def humanoid_rows() -> Iterator[tuple[str, Work, Work, str]]:
         ("ground at rest (humanoid)", standing, rollout(body, None, Ground(turning=0.1)), "a turntable"),
         ("surfaces at rest (humanoid)", standing, tracks, "turning soles"),
         ("no rollers (humanoid)", discs, rollout(with_points(round_, roller_angle=1.5), None, ground), "all circles"),
-        ("no rolling resistance (humanoid)", balls, rollout(with_points(small, rolling_friction=1e-3), None, ground),
-         "of all spheres"),
+        (
+            "no rolling resistance (humanoid)",
+            balls,
+            rollout(with_points(small, rolling_friction=1e-3), None, ground),
+            "of all spheres",
+        ),
         ("no height field (humanoid)", standing, level, "level, 400 nodes"),
         ("nothing near the height field (humanoid)", rollout(body, None, field, lifted=10.0), level, "same kernel"),
     )

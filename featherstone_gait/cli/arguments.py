@@ -103,7 +103,11 @@ def _meant(word: str, known: Sequence[str]) -> str:
 
 
 def add_command(
-    commands: Commands, run: Callable[[argparse.Namespace], int], text: str | None, *, unasked: bool = True,
+    commands: Commands,
+    run: Callable[[argparse.Namespace], int],
+    text: str | None,
+    *,
+    unasked: bool = True,
     where: str = "",
 ) -> Parser:
     """Register a command, named like its module, and its option --out.

@@ -31,13 +31,15 @@ ALONE = "times are valid only while nothing else runs"
 BENCHMARKS = {
     "scoreboard": Benchmark(
         "error beside time in five engines, on public problems",
-        "scoreboard.csv, scoreboard_lines.csv, " + ", ".join(f"scoreboard_{part}.png" for part in PICTURES), 30,
+        "scoreboard.csv, scoreboard_lines.csv, " + ", ".join(f"scoreboard_{part}.png" for part in PICTURES),
+        30,
     ),
     "speed": Benchmark("times of algorithms and steps, beside MuJoCo's", "speed.csv, speed_steps.csv, speed.png", 3),
     "walk": Benchmark("rollouts of a walk a second, beside MuJoCo's", "walk.csv, walk.png", 3),
     "rollouts": Benchmark(
         "the same at equal error, beside MuJoCo, MJX, MotrixSim",
-        "rollouts.csv, rollouts_lines.csv, rollouts_parts.csv", 10,
+        "rollouts.csv, rollouts_lines.csv, rollouts_parts.csv",
+        10,
     ),
     "precision": Benchmark("run time against error of every integrator", "precision.csv, precision.png", 12),
     "default": Benchmark("what `simulate` gives by default", "default.csv, default_integrators.csv, default.png", 20),

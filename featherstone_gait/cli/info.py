@@ -223,9 +223,7 @@ def _ground_line(model: Model) -> str:
     return f"no contact points, so `simulate` lets it fall without ground: {more}"
 
 
-def _choice_table(
-    scenes: Mapping[GearboxKind | None, CompiledScene | str], usual: GearboxKind | None
-) -> list[str]:
+def _choice_table(scenes: Mapping[GearboxKind | None, CompiledScene | str], usual: GearboxKind | None) -> list[str]:
     """List the integrator and the explicit limit for each kind of gearbox; usual: the default of `simulate`."""
     rows: list[tuple[str, str, str]] = []
     refused: dict[str, str] = {}

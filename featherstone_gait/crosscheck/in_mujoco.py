@@ -394,12 +394,10 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     return servos
 
 
-def _machine(
-    scene: CompiledScene, floor: Floor | None, h: float, objects: Objects | None = None
-) -> _Machine:
+def _machine(scene: CompiledScene, floor: Floor | None, h: float, objects: Objects | None = None) -> _Machine:
     mujoco, model, servos = _mujoco(), scene.model, _servos(scene)
-    bare = replace(model, servos={}, contacts=(), shapes=(), keyframes={})
-    spec = mujoco.MjSpec.from_string(_with_rotors(mjcf_text(bare), servos if scene.gearbox == "mipsd" else {}))
+    bare, _ = mjcf_text(replace(model, servos={}, contacts=(), shapes=(), keyframes={}, sensors=()))
+    spec = mujoco.MjSpec.from_string(_with_rotors(bare, servos if scene.gearbox == "mipsd" else {}))
     if floor is not None:
         _lay(spec, model, floor, h)
         spec.option.impratio = real("floor: impratio", floor.impratio, 1e-3, 1e6, "1 is MuJoCo's default")

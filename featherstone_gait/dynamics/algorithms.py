@@ -271,9 +271,7 @@ def loop_measures(
     return measures, J if base_J is None else np.concatenate([base_J, J], axis=2)
 
 
-def _accelerations(
-    model: Model, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot
-) -> np.ndarray:
+def _accelerations(model: Model, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot) -> np.ndarray:
     """Compute accelerations (n, nv) without inertia of tendons."""
     if model.loops:
         return _closed(model, x, wrench, robot)[0]
@@ -300,9 +298,7 @@ def _less_inertia(
     return x | {"tau": x["tau"] - applied(np.swapaxes(J, 1, 2), f[..., 0])}
 
 
-def _tendon_motion(
-    model: Model, q: np.ndarray, qd: np.ndarray, tendons: list[Tendon]
-) -> tuple[np.ndarray, np.ndarray]:
+def _tendon_motion(model: Model, q: np.ndarray, qd: np.ndarray, tendons: list[Tendon]) -> tuple[np.ndarray, np.ndarray]:
     """Compute how the lengths of straight tendons change: J (n, k, nv), and Jdot qd (n, k)."""
     J, bias = np.zeros((len(q), len(tendons), model.nv)), np.zeros((len(q), len(tendons)))
     rods, of = list[Loop](), list[tuple[int, float]]()

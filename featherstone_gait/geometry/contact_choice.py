@@ -182,10 +182,7 @@ def _placed(
     own: dict[str, Any] = {"friction": shape.friction, "surface": shape.surface}
     if radius > 0 or circle_radius > 0:
         own["rolling_friction"] = shape.rolling_friction or 0.0
-    return [
-        ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis, **own)
-        for x, y, z in at.tolist()
-    ]
+    return [ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis, **own) for x, y, z in at.tolist()]
 
 
 def _carrying(model: Model, points: Sequence[ContactPoint]) -> tuple[ContactPoint, ...]:

@@ -167,7 +167,9 @@ def _apart(model: Model) -> list[tuple[int, int]]:
     return [
         (a, b)
         for a, b in every
-        if solid[a] and solid[b] and not {(rows[a], rows[b]), (rows[b], rows[a])} & near
+        if solid[a]
+        and solid[b]
+        and not {(rows[a], rows[b]), (rows[b], rows[a])} & near
         and frozenset((links[a], links[b])) not in never
     ]
 

@@ -248,9 +248,7 @@ def evaluate(cost: WalkingCost, noise: float, candidates: Speculation, threads: 
         factor = 1.0 + noise * np.random.default_rng(seed).standard_normal()
         return float(measured(cost, run)[0] * factor), run.status
 
-    return simulate_stream(
-        cost.scene, cost.end, candidates, begin, end, ("base_q", "energy"), TICK, threads
-    )
+    return simulate_stream(cost.scene, cost.end, candidates, begin, end, ("base_q", "energy"), TICK, threads)
 
 
 def _history(settings: GaitSearchSettings, cost: WalkingCost, condition: Condition, seed: int) -> dict:

@@ -273,9 +273,7 @@ def _task(
     height = float(standing(alone, reference.values[0], 0.0)[2])
     x, y, z = place
     duration, still = motion.begin(WARM_UP + strides), (0.0, 0.0, 0.0)
-    return Task(
-        name, alone, reference.values[0], reference, duration, shape, mass, (x, y, z + height), still, links
-    )
+    return Task(name, alone, reference.values[0], reference, duration, shape, mass, (x, y, z + height), still, links)
 
 
 # ---------------------------------------------------------------------------------------------- what is measured

@@ -115,7 +115,7 @@ def load_robot(
             robot = read_urdf(markup.root, path, meshes, report, repair_inertia)
             names, given = (link.name for link in robot.links), None if srdf is None else Path(srdf)
             robot = robot._replace(excluded=read_excluded(path, given, names, report))
-    settings = _settings(path, robot, report)
+    settings = robot.stated.under(_settings(path, robot, report))
     held = {**robot.held, **_held(path, robot, locked, settings, report)}
     joints, held = resolve_couplings(robot.joints, held, mimic, report)
     if base is None:
@@ -192,7 +192,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             locked=robot.held,
             servos={**robot.servos, **settings.servos},
             contacts=_with_surfaces(settings.contacts, moving),
-            shapes=_with_surfaces(_with_each(robot.shapes, moving, report), moving),
+            shapes=_as_stated(_with_surfaces(_with_each(robot.shapes, moving, report), moving), settings, report),
             keyframes={**keyframes, **settings.keyframes},
             notes=report.notes(),
             source=str(path),
@@ -203,7 +203,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             tendons=tuple({one.name: one for one in (*robot.tendons, *settings.tendons)}.values()),
             immersed=(*robot.immersed, *settings.immersed),
             propellers=tuple({one.joint: one for one in (*robot.propellers, *settings.propellers)}.values()),
-            sensors=(*robot.sensors, *settings.sensors),
+            sensors=tuple({one.name: one for one in (*robot.sensors, *settings.sensors)}.values()),
         )
     report.raise_problems(path)
     return model
@@ -224,6 +224,14 @@ def _with_each(shapes: tuple[Shape, ...], moving: Mapping[str, Any], report: Rep
             report.refuse(None, f"links.{name}: {text}; list one of each, {{}} for one at rest")
     left = {name: iter(given) for name, given in lists.items()}
     return tuple(replace(one, surface=next(left.get(one.link, iter(())), None) or one.surface) for one in shapes)
+
+
+def _as_stated(shapes: tuple[Shape, ...], settings: Settings, report: Report) -> tuple[Shape, ...]:
+    """Return shapes with what [shapes.NAME] states; report names that no shape has."""
+    for name in settings.shapes.keys() - {shape.name for shape in shapes}:
+        report.refuse(None, f"shapes.{name}: there is no shape of this name; expected one of a <collision> or <geom>: "
+                            "correct the name")  # fmt: skip
+    return tuple(replace(shape, **settings.shapes.get(shape.name, {})) for shape in shapes)
 
 
 def _chosen(locked: Any, sets: Mapping[str, dict[str, float]], joints: Iterable[Joint]) -> dict[str, float]:

@@ -37,7 +37,7 @@ class RobotFileNotFoundError(RobotFileError, FileNotFoundError):
 
 
 class RobotFileWarning(UserWarning):
-    """A robot file was read, but something in it was ignored or assumed; `Model.notes` lists it all."""
+    """A robot file was read or written, but something was ignored, assumed or lost."""
 
 
 @contextmanager
@@ -60,6 +60,19 @@ def refusal(file: str | Path, problems: list[str]) -> RobotFileError:
     rest = len(problems) - MAX_SHOWN
     lines = [f"{file}: {len(problems)} problems", *problems[:MAX_SHOWN], *([f"and {rest} more"] if rest > 0 else [])]
     return RobotFileError("\n  ".join(lines), problems)
+
+
+def refuse_losses(file: Path, lost: list[str]) -> None:
+    """Raise RobotFileError with all that a file would lack which is to be written, if anything."""
+    if lost:
+        raise refusal(file, [f"{one}; remove it from what is saved, or save with strict=False" for one in lost])
+
+
+def warn_losses(file: Path, lost: list[str], stacklevel: int) -> None:
+    """Emit one warning that lists what a written file lacks, if anything."""
+    if lost:
+        text = f"{file} is written, but lacks: {'; '.join(lost)} (strict=True refuses this)"
+        warnings.warn(text, RobotFileWarning, stacklevel=stacklevel + 1)
 
 
 class Found(NamedTuple):

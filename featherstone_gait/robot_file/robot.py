@@ -7,32 +7,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from ..model import Base, ContactPoint, Immersed, Joint, Link, Loop, Model, Propeller, Servo, Tendon
-from ..model.degrees import ball_name, degrees_of, is_first
-from ..model.sensor import Sensor
+from ..model.sensor import SampledSensor, Sensor
 from ..model.shapes import Shape
+from .settings import Posture, Settings
 
 MASSLESS: dict[str, Any] = {"mass": 0.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": (0.0,) * 6}  # of a Link
-
-
-class Posture(NamedTuple):
-    """A named posture of a file."""
-
-    base: tuple[float, ...]  # position [m] and quaternion w x y z of the root link in the world
-    joints: Mapping[
-        str, Any
-    ]  # of all degrees [rad or m]; by the names of ball joints quaternions w x y z
-
-    def numbers(self, joints: tuple[Joint, ...], held: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the joints' part of q."""
-        found: list[float] = []
-        for one in degrees_of(joints).joints:
-            if one.type == "fixed" or one.name in held:
-                continue
-            if is_first(one):
-                found += self.joints[ball_name(one)]
-            elif one.type != "ball":
-                found.append(self.joints[one.name])
-        return tuple(found)
 
 
 class Robot(NamedTuple):
@@ -52,7 +31,8 @@ class Robot(NamedTuple):
     immersed: tuple[Immersed, ...] = ()
     rollers: Mapping[str, ContactPoint] = {}  # of wheels with rollers, by link
     propellers: tuple[Propeller, ...] = ()
-    sensors: tuple[Sensor, ...] = ()
+    sensors: tuple[Sensor | SampledSensor, ...] = ()
+    stated: Settings = Settings()  # by a <text> of this package
 
 
 def with_rollers(model: Model, rollers: Mapping[str, ContactPoint]) -> Model:

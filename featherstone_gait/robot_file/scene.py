@@ -14,17 +14,17 @@ from ..base.rotation import rotation_from_rpy, rpy_from_rotation
 from ..geometry.contact_choice import with_contacts
 from ..model import Fluid, Ground, Link, Model
 from ..model.numpy_dynamics import link_poses, zero_position
-from ..model.placed import SEPARATOR, Placed, SceneModel
+from ..model.placed import SEPARATOR, Placed, SceneModel, link_name
 from .load import model_of, resolve_couplings
 from .markup import Markup, read_markup
 from .mjcf.scene import OBSTACLE, Part, read_scene
 from .mjcf.tree import unused
 from .mjcf.write_scene import scene_text
 from .plausible import doubt_inertias
-from .report import Report, blamed_on
+from .report import Report, blamed_on, refuse_losses, warn_losses
 from .robot import with_rollers
 from .save import MJCF
-from .scene_toml import read_scene_toml
+from .scene_toml import read_scene_toml, with_stated
 from .settings import Settings
 from .simtwo.read import file_of, name_of, read_simtwo
 from .simtwo.scene import read_rest, read_solids
@@ -82,9 +82,12 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
         members = tuple(_placed(path, part, _model(path, part, report)) for part in content.members)
         obstacles = tuple(_placed(path, part, _still(part, path)) for part in content.obstacles)
         report.raise_problems(path)
+        links = [link_name(placed.name, link.name) for placed in members for link in placed.model.links]
+        ground, fluid, sensors = with_stated(content.stated, content.ground, content.fluid, links)
+        sensors = tuple({one.name: one for one in (*content.sensors, *sensors)}.values())
         scene = SceneModel(
-            content.name, members, obstacles, content.ground, content.gravity, tuple(content.excluded),
-            report.notes(), str(path), content.pairs, content.loops, content.fluid, frictions=content.frictions,
+            content.name, members, obstacles, ground, content.gravity, tuple(content.excluded), report.notes(),
+            str(path), content.pairs, content.loops, fluid, sensors, content.frictions,
         )  # fmt: skip
     report.warn(path, stacklevel=2)
     return scene
@@ -149,16 +152,17 @@ def _unmoved(placed: Placed) -> Placed:
     return replace(placed, model=still)
 
 
-def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:
+def save_scene(scene: SceneModel, path: str | os.PathLike, *, strict: bool = False) -> None:
     """Save a scene as MJCF, which MuJoCo opens and `load_scene` reads back.
 
     Bodies and joints are named "name/link" and "name/joint".  In MuJoCo all shapes touch each other that are neither
     neighbors nor `excluded`, whatever `pairs` says, which is written for `load_scene` alone; those of links without
     contact points touch the ground if bodies touch each other at all.  MuJoCo takes the larger friction of two shapes,
-    also where this package takes the geometric mean.  Comments say what the file lacks of each model, as those of
-    `save_robot` do; the ground gives way as under the heaviest member.  Contact points that are not those of a shape
-    become small spheres and flat cylinders.  Every keyframe of a member becomes one of the scene, in which the others
-    stand where they start, or as their keyframe of that name says.
+    also where this package takes the geometric mean.  The ground gives way as under the heaviest member.  A fluid
+    without a surface that acts on all bodies by MuJoCo's laws is MuJoCo's.  Contact points that are not those of a
+    shape become small spheres and flat cylinders.  Every keyframe of a member becomes one of the scene, in which the
+    others stand where they start, or as their keyframe of that name says.  What MJCF has no element for is in a <text>
+    for `load_scene`, and one warning names what another program misses, as with `save_robot`.
 
     Parameters
     ----------
@@ -166,11 +170,15 @@ def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:
         The scene.
     path : str or path
         Path that ends in .xml or .mjcf; the file is written in full or not at all.
+    strict : bool, optional
+        Raise an error in place of the warning, and write nothing.
 
     Raises
     ------
     ValueError
         For another suffix, and for a model that MJCF cannot state.
+    RobotFileError
+        A ValueError that lists all that the file would lack, with `strict`.
     OSError
         If the file cannot be written.
     """
@@ -179,9 +187,13 @@ def save_scene(scene: SceneModel, path: str | os.PathLike) -> None:
     path = Path(path)
     if path.suffix not in MJCF:
         raise ValueError(f"{path}: the file name must end in .xml or .mjcf; scenes are written as MJCF: rename it")
-    text = scene_text(scene)
+    truth("strict", strict)
+    text, lost = scene_text(scene)
+    if strict:
+        refuse_losses(path, lost)
     with complete(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
+    warn_losses(path, lost, stacklevel=2)
 
 
 def _model(path: Path, part: Part, report: Report) -> Model:
@@ -190,9 +202,9 @@ def _model(path: Path, part: Part, report: Report) -> Model:
     joints, held = resolve_couplings(robot.joints, dict(robot.held), "coupled", report)
     robot = robot._replace(joints=joints, held=held, shapes=part.touching)
     doubt_inertias(robot, report)
-    model = model_of(path, robot, Settings(), report, ())
+    model = model_of(path, robot, robot.stated, report, ())
     contacts = with_contacts(model, "all").contacts if part.touching else ()
-    return replace(model, contacts=contacts, shapes=part.robot.shapes, notes=())
+    return replace(model, contacts=(*contacts, *model.contacts), shapes=part.robot.shapes, notes=())
 
 
 def _still(part: Part, path: Path) -> Model:

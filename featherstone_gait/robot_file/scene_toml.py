@@ -55,7 +55,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, cast
@@ -67,6 +67,7 @@ from ..model.pair_friction import FIELDS, PairFriction
 from ..model.placed import OF_SCENE, Placed, SceneModel
 from .load import load_robot
 from .report import Report
+from .sensors import read_sensors
 from .servos import read_servos
 from .settings import records_of
 from .simtwo.read import quaternion_from_rpy
@@ -178,6 +179,18 @@ def _ground(table: dict[str, Any]) -> Ground:
                 found[key] = number(table, key, "ground") if key != "steps" else _steps(table[key])
     problems.raise_all()
     return Ground(**found)
+
+
+def with_stated(
+    table: Mapping[str, Any], ground: Ground | None, fluid: Fluid | None, links: Collection[str]
+) -> tuple[Ground | None, Fluid | None, tuple[Any, ...]]:
+    """Return ground, fluid and sensors of a scene with what `save_scene` has written of them as TOML."""
+    check_keys(table, ("ground", "fluid", "sensors"), "scene")
+    if ground is not None and "ground" in table:
+        stated = _ground(table_of(table, "ground", ""))
+        ground = replace(ground, **{key: getattr(stated, key) for key in table["ground"]})
+    fluid = record(Fluid, table_of(table, "fluid", ""), "fluid") if "fluid" in table else fluid
+    return ground, fluid, read_sensors(table["sensors"], links) if "sensors" in table else ()
 
 
 def _steps(rows: Any) -> tuple[tuple[float, ...], ...]:

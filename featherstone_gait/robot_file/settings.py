@@ -13,24 +13,82 @@ from ..model.checks import check, field_flaws
 from ..model.degrees import ball_name, by_degree, degrees_of, is_first
 from ..model.fluid import check_propellers
 from ..model.loop import check_loops
+from ..model.pair_friction import FIELDS
 from ..model.sensor import SampledSensor, Sensor
+from ..model.shapes import Shape
 from ..model.tendon import check_tendons
 from ..model.tree_checks import check_links, check_locked
 from .report import Report
-from .robot import Posture
 from .sensors import read_sensors
 from .servos import read_servos
-from .toml import Problems, beside, check_keys, name_pairs_of, number, read_toml, real, record, surface, table_of
+from .toml import (
+    Problems,
+    beside,
+    check_keys,
+    name_pairs_of,
+    number,
+    read_toml,
+    real,
+    record,
+    surface,
+    table_of,
+)
 
 OWN = {  # keys of [links.NAME] and [joints.NAME], fields of Link and Joint
     "links": ("gravity_compensation", "surface"),  # the latter of its shapes and contact points, or one of each shape
-    "joints": ("upper", "armature", "stiffness", "spring_reference", "quadratic_stiffness", "cubic_stiffness",
-        "quadratic_damping", "cubic_damping", "degrees"),
+    "joints": (
+        "upper",
+        "armature",
+        "stiffness",
+        "spring_reference",
+        "quadratic_stiffness",
+        "cubic_stiffness",
+        "quadratic_damping",
+        "cubic_damping",
+        "degrees",
+    ),
 }
+OF_SHAPE = (*FIELDS, "priority", "surface")  # keys of [shapes.NAME], fields of Shape
 # Of the file.
-SECTIONS = ("base", "contacts", "servos", "supply", "locked", *OWN, "keyframes", "excluded", "loops", "tendons",
-            "immersed", "propellers", "sensors")
+SECTIONS = (
+    "base",
+    "contacts",
+    "servos",
+    "supply",
+    "locked",
+    *OWN,
+    "shapes",
+    "keyframes",
+    "excluded",
+    "loops",
+    "tendons",
+    "immersed",
+    "propellers",
+    "sensors",
+)
+# Of the <text> that `save_robot` writes within MJCF:
+PASSIVE = ("velocity", "damping", "friction", "armature")  # keys of [joints.NAME] beside the others
+GEOMS = "geoms"  # names of those that stand for contact points
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
+
+
+class Posture(NamedTuple):
+    """A named posture of a file."""
+
+    base: tuple[float, ...]  # position [m] and quaternion w x y z of the root link in the world
+    joints: Mapping[str, Any]  # of all degrees [rad or m]; by the names of ball joints quaternions w x y z
+
+    def numbers(self, joints: tuple[Joint, ...], held: Mapping[str, float]) -> tuple[float, ...]:
+        """Return the joints' part of q."""
+        found: list[float] = []
+        for one in degrees_of(joints).joints:
+            if one.type == "fixed" or one.name in held:
+                continue
+            if is_first(one):
+                found += self.joints[ball_name(one)]
+            elif one.type != "ball":
+                found.append(self.joints[one.name])
+        return tuple(found)
 
 
 class Settings(NamedTuple):
@@ -41,6 +99,7 @@ class Settings(NamedTuple):
     servos: Mapping[str, Servo] = {}
     contacts: tuple[ContactPoint, ...] = ()
     parts: Mapping[str, Mapping[str, dict[str, Any]]] = {"links": {}, "joints": {}}  # of OWN, by section and name
+    shapes: Mapping[str, dict[str, Any]] = {}  # name -> what of it is stated
     keyframes: Mapping[str, tuple[float, ...]] = {}  # name -> q, of those given as a list
     postures: Mapping[str, Posture] = {}  # name -> posture, of those given by joint
     supply: Supply | None = None
@@ -52,10 +111,36 @@ class Settings(NamedTuple):
     propellers: tuple[Propeller, ...] = ()
     sensors: tuple[Sensor | SampledSensor, ...] = ()
 
+    def under(self, other: Settings) -> Settings:
+        """Return both, of which the other one's count where both state the same."""
+        whole: dict[str, Any] = {name: over or own for name, own, over in zip(self._fields, self, other)}
+        maps = {name: {**getattr(self, name), **getattr(other, name)} for name in ("locked", "servos", "shapes")}
+        parts = {
+            section: {name: {**own.get(name, {}), **over.get(name, {})} for name in {**own, **over}}
+            for section, own, over in ((key, self.parts[key], other.parts[key]) for key in OWN)
+        }
+        return Settings(**{**whole, **maps, "parts": parts})
+
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report) -> Settings:
     """Read the TOML file of a robot of these links and joints; raise ValueError for what it does not understand."""
-    table, problems, found = read_toml(path), Problems(), dict[str, Any]()
+    return _settings(read_toml(path), path.parent, links, joints, report, OWN)
+
+
+def read_stated(
+    table: dict[str, Any], folder: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report
+) -> Settings:
+    """Read the table that `save_robot` writes within MJCF; raise ValueError for what it does not understand."""
+    own = {**OWN, "joints": (*OWN["joints"], *PASSIVE)}
+    return _settings({key: x for key, x in table.items() if key != GEOMS}, folder, links, joints, report, own)
+
+
+def _settings(
+    table: dict[str, Any], folder: Path, links: tuple[Link, ...], joints: tuple[Joint, ...], report: Report,
+    keys: Mapping[str, tuple[str, ...]],
+) -> Settings:  # fmt: skip
+    """Read a table; keys: of links and joints."""
+    problems, found = Problems(), dict[str, Any]()
     own: dict[str, dict[str, Any]] = {name: {} for name in OWN}
     with problems.at(table):
         check_keys(table, SECTIONS, "top level")
@@ -63,9 +148,9 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
         if section in table:
             with problems.at(table, section):
                 if section in OWN:
-                    own[section] = _own(table, section, links if section == "links" else joints)
+                    own[section] = _own(table, section, links if section == "links" else joints, keys[section])
                 else:
-                    found |= _section(section, table, path.parent, links, joints, report)
+                    found |= _section(section, table, folder, links, joints, report)
     problems.raise_all()
     return Settings(**found, parts=own)
 
@@ -107,6 +192,8 @@ def _section(
         return {name: read_servos(inside, joints, folder, report)}
     if name == "supply":
         return {name: record(Supply, inside, name)}
+    if name == "shapes":
+        return {name: _each(inside, inside, lambda key: _of_shape(table_of(inside, key, "shapes."), f"shapes.{key}"))}
     if name == "keyframes":
         found = _each(inside, inside, lambda key: _keyframe(inside, key, joints))
         postures = {key: q for key, q in found.items() if isinstance(q, Posture)}
@@ -124,7 +211,24 @@ def _each(table: Mapping[str, Any], keys: Iterable[str], read: Callable[[str], A
     return found
 
 
-def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Joint, ...]) -> dict[str, dict[str, Any]]:
+def _of_shape(stated: dict[str, Any], what: str) -> dict[str, Any]:
+    """Read [shapes.NAME]."""
+    declared = {f.name: f for f in fields(Shape)}
+
+    def read(key: str) -> Any:
+        if key == "surface":
+            return surface(stated, key, what)
+        value = number(stated, key, what)
+        check(field_flaws(what, key, value, declared[key]))
+        return int(value) if key == "priority" and value.is_integer() else value
+
+    check_keys(stated, OF_SHAPE, what)
+    return _each(stated, stated, read)
+
+
+def _own(
+    table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Joint, ...], keys: tuple[str, ...]
+) -> dict[str, dict[str, Any]]:
     """Read [links.NAME] or [joints.NAME]."""
     inside, names = table_of(table, section, ""), {part.name for part in parts}
     declared = {f.name: f for f in fields(Link if section == "links" else Joint)}
@@ -144,9 +248,9 @@ def _own(table: dict[str, Any], section: str, parts: tuple[Link, ...] | tuple[Jo
             raise ValueError(f"{section}: there is no {what} {name!r}; expected one of the URDF's: correct the name")
         own, problems, found = table_of(inside, name, f"{section}."), Problems(), dict[str, Any]()
         with problems.at(own):
-            check_keys(own, OWN[section], f"{section}.{name}")
+            check_keys(own, keys, f"{section}.{name}")
         with problems.at(own):
-            known = [key for key in own if key in OWN[section]]
+            known = [key for key in own if key in keys]
             found = _each(own, known, lambda key: stated(own, key, f"{section}.{name}"))
         problems.raise_all()
         return found

@@ -24,12 +24,16 @@ from .toml_lines import with_lines
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Read the table of a TOML file; raise ValueError if it is none."""
-    data = read_bytes(path)
     try:
-        text = data.decode("utf-8")
-        return with_lines(tomllib.loads(text), text)
+        return parsed(read_bytes(path).decode("utf-8"))
     except UnicodeDecodeError as error:
         raise ValueError(f"is not UTF-8 text: {error}; save it as UTF-8") from error
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """Return the table of TOML text; raise ValueError if it is none."""
+    try:
+        return with_lines(tomllib.loads(text), text)
     except RecursionError as error:
         raise ValueError("nests its values too deeply; flatten it") from error
     except ValueError as error:

@@ -24,9 +24,7 @@ class OverlapWarning(UserWarning):
     """Bodies that can touch each other overlap where a run starts."""
 
 
-def overlaps(
-    scene: CompiledScene, state: ArrayLike | Trajectory | None = None
-) -> list[tuple[tuple[str, str], float]]:
+def overlaps(scene: CompiledScene, state: ArrayLike | Trajectory | None = None) -> list[tuple[tuple[str, str], float]]:
     """Compute how deep bodies that can touch each other overlap in a state.
 
     Parameters

@@ -157,9 +157,7 @@ def members_of(scene: CompiledScene) -> list[Member]:
     return list(scene.members) or [Member(Placed(scene.model), scene)]
 
 
-def link_poses(
-    scene: CompiledScene, channels: Mapping[str, np.ndarray]
-) -> tuple[list[str], np.ndarray, np.ndarray]:
+def link_poses(scene: CompiledScene, channels: Mapping[str, np.ndarray]) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Return the names of all links, the world last, and their poses (samples, links, ...)."""
     instance("trajectory", channels, Mapping, "give what simulate returns")
     names, rotations, positions = list[str](), [], []

@@ -83,9 +83,7 @@ def switch_loop(
     return y
 
 
-def command_surface(
-    scene: CompiledScene, state: ArrayLike | Trajectory, drive: str, command: float
-) -> np.ndarray:
+def command_surface(scene: CompiledScene, state: ArrayLike | Trajectory, drive: str, command: float) -> np.ndarray:
     """Set the command of a drive of surfaces in a state, from which a run then goes on.
 
     Parameters

@@ -416,7 +416,16 @@ def compile_scene(
     stated = model.loops if isinstance(model, SceneModel) else ()
     between = tuple(stated if loops is None else listed("loops", loops, GIVE_LOOPS))
     options = SceneOptions(
-        gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs, pair_contact(given), between,
+        gearbox,
+        ground,
+        integrator,
+        timestep,
+        gravity,
+        fall_height,
+        fall_tilt,
+        springs,
+        pair_contact(given),
+        between,
         fluid,
     )
     if isinstance(model, Model):

@@ -394,9 +394,7 @@ def _common(parent: np.ndarray, a: int, b: int) -> int:
     return int(a)
 
 
-def _fill_law(
-    table: np.recarray, solids: Sequence[Solid], shapes: Shapes, tree: Tree, options: SceneOptions
-) -> None:
+def _fill_law(table: np.recarray, solids: Sequence[Solid], shapes: Shapes, tree: Tree, options: SceneOptions) -> None:
     """Fill stiffness and damping of each pair; the ground's are those that it has for points."""
     option, ground, g = options.pairs, options.ground, options.g or EARTH
     assert option is not None
@@ -427,9 +425,7 @@ def _coefficients(
     return np.array(found)
 
 
-def _turning(
-    table: np.recarray, shapes: Shapes, torsional: np.ndarray, rolling: np.ndarray
-) -> np.recarray | None:
+def _turning(table: np.recarray, shapes: Shapes, torsional: np.ndarray, rolling: np.ndarray) -> np.recarray | None:
     """Return the resistance to rolling and spinning, None where no pair has any.
 
     Its springs and dampers are those of friction at the distance to which the smaller shape reaches.

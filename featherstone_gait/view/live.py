@@ -323,7 +323,12 @@ class _Actor:
             (x0, y0), (x1, y1) = (low - far)[:2], (high + far)[:2]
             edge = np.array([(x, y, self.level) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))])
             scene.add_mesh_simple(
-                f"{name}/water", edge, np.array([[0, 1, 2], [0, 2, 3]]), color=WATER, opacity=0.35, side="double",
+                f"{name}/water",
+                edge,
+                np.array([[0, 1, 2], [0, 2, 3]]),
+                color=WATER,
+                opacity=0.35,
+                side="double",
                 cast_shadow=False,
             )
 

@@ -110,5 +110,5 @@ def test_lengths_and_forces_of_joints_and_path_add(tmp_path):
     drum = Link("drum", 0.01, STILL, (1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6))  # MJCF has no bodies without mass
     save_robot(replace(model, links=[*model.links[:2], drum]), tmp_path / "other.xml")
     text = (tmp_path / "other.xml").read_text()
-    assert "left out the tendon 'cable' of joints and a path, which MJCF does not state" in text
-    assert load_robot(tmp_path / "other.xml").tendons == ()
+    assert "left out the tendons of joints and a path: cable" in text
+    assert load_robot(tmp_path / "other.xml").tendons == model.tendons

@@ -218,7 +218,8 @@ def test_names_that_mujoco_has_for_others_are_lengthened(points, tmp_path):
     save_robot(model, tmp_path / "m.xml", Ground())
     m = mujoco.MjModel.from_xml_path(str(tmp_path / "m.xml"))
     written = [m.geom(k).name for k in range(m.ngeom)]
-    assert written == ["floor", "same", "same_", "contact0", "floor_", "", *["contact0_"] * len(points)]
+    rest = ["shape4", "contact0_"] if points else [""]
+    assert written == ["floor", "same", "same_", "contact0", "floor_", *rest]
 
 
 @pytest.mark.parametrize("base", ["fixed", "floating"])
@@ -285,13 +286,15 @@ def test_a_pd_servo_has_its_rotor_and_friction(law, tmp_path):
     assert "the rotor's inertia and the friction stand with the joint" in remarks(tmp_path)
 
 
-def test_a_joint_whose_law_mujoco_lacks_keeps_the_rotor(tmp_path):
+def test_a_servo_of_speeds_is_an_actuator_of_speeds(tmp_path):
+    """Its motor gives K/R (Kp (u - w) - K w), K = 10 * 0.01, besides the damping that it had."""
     gear = Gearbox(10.0, rotor_inertia=0.02, rotor_damping=0.005)
     motor = {"resistance": 2.0, "motor_constant": 0.01, "voltage_limit": 12.0}
     servo = Servo(Controller("pid_speed", Kp=1.0), gear, **motor, viscous_friction=0.4)
     m, _, slowed = accelerations(servo, tmp_path)
-    assert m.nu == 0
-    assert slowed == pytest.approx(-(0.4 + 0.5 + 0.3) / 3.0, rel=1e-12)
+    assert m.nu == 1
+    assert slowed == pytest.approx(-(0.4 + 0.5 + 0.3 + 0.05 * (1.0 + 0.1)) / 3.0, rel=1e-12)
+    assert m.actuator_forcerange[0].tolist() == pytest.approx([-0.6, 0.6])  # K V / R
 
 
 # ------------------------------------------------------------------------------------------------ the ground

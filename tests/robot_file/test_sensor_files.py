@@ -11,6 +11,7 @@ from featherstone_gait import (
     LineSensor,
     RangeSensor,
     RobotFileError,
+    RobotFileWarning,
     SampledSensor,
     load_robot,
     save_robot,
@@ -95,11 +96,11 @@ def test_sensors_are_read_written_and_read_back(arm, tmp_path):
     )
     found = load_robot(with_tables(arm, TABLES))
     assert len(found.sensors) == len(wanted)
-    save_robot(replace(found, sensors=(*found.sensors, SampledSensor("q", 0.1))), tmp_path / "again.urdf")
+    with pytest.warns(RobotFileWarning, match="left out sensors of a channel: 'sampled q'"):
+        save_robot(replace(found, sensors=(*found.sensors, SampledSensor("q", 0.1))), tmp_path / "again.urdf")
     again = load_robot(tmp_path / "again.urdf")
     for sensors in (found.sensors, again.sensors):
         assert all(map(same, sensors, wanted))
-    assert "left out the sensor 'sampled q'" in (tmp_path / "again.toml").read_text("utf-8")
 
 
 @pytest.mark.parametrize("seed", [2**53 + 1, 2**63 - 1])

@@ -5,7 +5,6 @@ of contact; c is the command in the state.  The body takes the force f of a cont
 that goes into friction and bodies the drive of the surface gives -f.s.
 """
 
-
 from ..compile.jit import inline
 from ..compile.optional import if_present
 from ..compile.structure import record
@@ -52,5 +51,3 @@ def clear_drives(surfaces, step, dy):
     """Clear the powers of all drives."""
     for k in range(len(surfaces)):
         dy[step.offsets.surface_work + k] = 0.0 * step.y[step.offsets.surface_work + k]
-
-

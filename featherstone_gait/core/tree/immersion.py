@@ -54,9 +54,7 @@ def _polyhedron(triangles, first, end, d0, g):
         x, y, z = (t[0], t[1], t[2]), (t[3], t[4], t[5]), (t[6], t[7], t[8])
         p, q = sub(y, x), sub(z, x)
         along = 0.5 * (
-            (p[1] * q[2] - p[2] * q[1]) * g[0]
-            + (p[2] * q[0] - p[0] * q[2]) * g[1]
-            + (p[0] * q[1] - p[1] * q[0]) * g[2]
+            (p[1] * q[2] - p[2] * q[1]) * g[0] + (p[2] * q[0] - p[0] * q[2]) * g[1] + (p[0] * q[1] - p[1] * q[0]) * g[2]
         )
         d, xd, dd = _means(x, y, z, d0 + dot(g, x), d0 + dot(g, y), d0 + dot(g, z))
         V = V + along * d

@@ -16,7 +16,6 @@ Where the straight way comes to cross that ray, the length jumps from one side t
 Source: MuJoCo's documentation of spatial tendons states which way is taken.
 """
 
-
 from ..compile.elementary import PI, angle, sincos
 from ..compile.jit import entry, inline, kernel
 from ..compile.lanes import any_lane, invert, select, sqrt

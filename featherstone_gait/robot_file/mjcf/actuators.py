@@ -24,7 +24,7 @@ Source: MuJoCo's XML reference and technical note on its dcmotor.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -92,10 +92,12 @@ class _Row(NamedTuple):
     more: tuple[str, ...]  # what else it has that has no like here
 
 
-def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...], tendons: Mapping[int, bool]) -> Actuators:
+def read_actuators(
+    m: Any, tree: Tree, joints: tuple[Joint, ...], tendons: Mapping[int, bool], known: Container[str] = ()
+) -> Actuators:
     """Read servos, limits and drives from the actuators, and what of them is ignored.
 
-    tendons: of the tree, and whether they are taken.
+    tendons: of the tree, and whether they are taken; known: joints whose servos are stated elsewhere.
     """
     by_name = {joint.name: joint for joint in joints}
     servos: dict[str, Servo] = {}
@@ -121,6 +123,8 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...], tendons: Mappi
             continue
         if name not in by_name:
             left.setdefault(LEFT_OUT, []).append(m.actuator(k).name or str(k))
+            continue
+        if name in known:
             continue
         row = _row(m, k, gear)
         if row.kind[0] != DC_DYNAMICS or row.off:  # armature and damping of a dcmotor belong to its servo

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...base.flaws import quoted
 from . import equalities, loops, tendons
+from .sensors import sensor_notes
 from .tree import (
     BALL,
     FREE,
@@ -32,8 +33,6 @@ NO_GRAVITY = 1 << 7
 
 def refusals(m: Any, names: Tree) -> Iterator[str]:
     """Yield why a compiled file cannot be a Model, all reasons at once."""
-    if m.nbody == 1:
-        yield "there is no <body>; a robot needs one or more: add them to <worldbody>"
     held = [names.holds(m, b) for b in range(m.nbody)]
     yield from equalities.refusals(m, names.joint_names, held, loops.closing(m))
     yield from loops.loop_refusals(m, names)
@@ -163,7 +162,8 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
     if fixed:
         yield f"ignored bodies {quoted([tree.bodies[b] for b in fixed])}, which are fixed to the world"
     yield from tendons.tendon_notes(m, tree)
-    for count, what in ((m.nsensor, "sensors"), (m.nsite, "sites"), (m.ncam, "cameras"), (m.nlight, "lights")):
+    yield from sensor_notes(m)
+    for count, what in ((m.nsite, "sites"), (m.ncam, "cameras"), (m.nlight, "lights")):
         if count:
             yield f"skipped {count} {what}"
     if equalities.couplings(m):

@@ -1,4 +1,4 @@
-"""Read the medium of an MJCF file, and how its bodies feel it.
+"""Read and write the medium of an MJCF file, and how its bodies feel it.
 
 MuJoCo takes a body without geoms of fluidshape="ellipsoid" for the box of its mass and inertia, one with such geoms for
 their ellipsoids.  Its medium is everywhere and lifts nothing.
@@ -12,11 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
-from ...model import Fluid, Immersed
+from ...base.rotation import rotation_from_quaternion, rotation_from_rpy, rpy_from_rotation
+from ...model import Fluid, Immersed, Link, Model, inertia_matrix
 from ...model.shapes import Box
-from .tree import Tree, vector
+from ..markup import element
+from .tree import Tree, unused, vector
+from .write_geoms import geom_names
 
+SAME = 1e-9  # by which inertias and places may differ, as a share and [m]
 LEAST = 1e-15  # mjMINVAL, of a mass and of the square of a box's edge
 FLUID = slice(1, 6)  # of geom_fluid: blunt, slender, angular, Kutta and Magnus
 
@@ -75,3 +78,42 @@ def _semiaxes(m: Any, g: int) -> np.ndarray:
         case 5:  # mjGEOM_CYLINDER
             return np.array([r, r, half])
     return np.array(m.geom_size[g])
+
+
+# ---------------------------------------------------------------------------------------------- writing
+
+
+def is_mujocos(model: Model) -> bool:
+    """Return whether what a fluid acts on are ellipsoids of bodies, or the boxes of their inertias, as in MuJoCo."""
+    for link in model.links:
+        own = [one for one in model.immersed if one.link == link.name]
+        laws = {one.law for one in own}
+        if link.mass < LEAST:
+            if own:
+                return False
+        elif laws != {"ellipsoid"} and not (laws == {"box"} and len(own) == 1 and _is_inertia(link, own[0])):
+            return False
+    return True
+
+
+def _is_inertia(link: Link, box: Immersed) -> bool:
+    """Return whether a link has the inertia of a box of its mass."""
+    assert isinstance(box.geometry, Box)  # whose law takes no other
+    squares = np.square(box.geometry.size)
+    E = rotation_from_rpy(box.rpy)
+    moments = link.mass / 12.0 * (np.sum(squares) - squares)
+    turned, J = (E * moments) @ E.T, inertia_matrix(link.inertia)
+    near = np.abs(turned - J).max() <= SAME * np.abs(J).max()
+    return bool(near and np.allclose(box.xyz, link.center_of_mass, rtol=0.0, atol=SAME))
+
+
+def immersed_geoms(model: Model, link: str) -> list[str]:
+    """Write the ellipsoids of a link, which touch nothing."""
+    lines, taken = [], geom_names(model)
+    for one in (one for one in model.immersed if one.link == link and one.law == "ellipsoid"):
+        assert isinstance(one.geometry, Box)
+        size, still = tuple(0.5 * edge for edge in one.geometry.size), {"contype": "0", "conaffinity": "0", "mass": "0"}
+        place = {"type": "ellipsoid", "size": size, "pos": one.xyz, "euler": one.rpy}
+        fluid = {"fluidshape": "ellipsoid", "fluidcoef": one.fluidcoef}
+        lines += element("geom", {"name": unused(one.name, taken) if one.name else None, **place, **still, **fluid})
+    return lines

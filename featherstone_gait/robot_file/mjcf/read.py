@@ -14,16 +14,19 @@ import numpy as np
 
 from ...model import Base
 from ..report import Report, blamed_on
-from ..robot import Posture, Robot
+from ..robot import Robot
+from ..settings import Posture, Settings
 from .actuators import Actuators, read_actuators
 from .causes import doubts, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
 from .fluids import other_fluid, read_immersed
 from .loops import equality_names, read_loops
+from .sensors import read_sensors
 from .sizes import check_sizes, documents_of
+from .stated import Stated
 from .tendons import read_tendons, taken
 from .touching import collisions, links_apart, paired_geoms, read_touching
-from .tree import BALL, Tree, read_shapes, read_tree
+from .tree import BALL, Tree, names_of, read_shapes, read_tree
 
 NAMELESS = "MuJoCo Model"  # what MuJoCo calls a file without a name
 LINE = re.compile(r"line \d+")  # 0 of what is included
@@ -40,25 +43,36 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     documents = documents_of(path)
     m, remarks = compiled(path, documents)
     tree = read_tree(m, base, couplings(m))
+    if m.nbody == 1:
+        report.refuse(None, "there is no <body>; a robot needs one or more: add them to <worldbody>")
     for problem in refusals(m, tree):
         report.refuse(None, problem)
-    actuators = Actuators({}, tree.joints, [], [], {})
+    actuators, stated, settings = Actuators({}, tree.joints, [], [], {}), Stated(path, documents.values()), Settings()
     with report.blaming():
-        actuators = read_actuators(m, tree, tree.joints, taken(m, tree))
+        settings = stated.of("", tree.links, tree.joints, report)
+        actuators = read_actuators(m, tree, tree.joints, taken(m, tree), settings.servos)
     pairs = (pair for root in documents.values() for pair in root.iter("pair"))
     touching = read_touching(m, tree, any("friction" in pair.attrib for pair in pairs))
+    names = names_of(m, "geom", m.ngeom)
+    for g in (g for g in range(m.ngeom) if names[g] in settings.shapes):  # also where they touch nothing
+        touching.friction.setdefault(g, None)
+    for g in (g for g in [*touching.friction] if names[g] in stated.points()):
+        del touching.friction[g]
     for sentence in (*doubts(m, tree), *other_gravity(m), *other_fluid(m), *actuators.doubts, *touching.doubts):
         report.doubt(sentence)
     report.raise_problems(path)
     shapes, left = read_shapes(m, tree, touching.friction)
-    for sentence in (*notes(m, tree), *left, *touching.remarks, *actuators.remarks, *remarks):
+    sensors, said = read_sensors(m, lambda b: tree.bodies[b] if tree.holds(m, b) and (b or tree.root == 0) else None)
+    for sentence in (*notes(m, tree), *said, *left, *touching.remarks, *actuators.remarks, *remarks):
         report.remark(sentence)
     geoms = [g for g in touching.friction if tree.holds(m, int(m.geom_bodyid[g]))]
-    apart = links_apart([tree.bodies[m.geom_bodyid[g]] for g in geoms], collisions(m, geoms, paired_geoms(m)))
+    meeting = collisions(m, geoms, paired_geoms(m), stated.is_there)
+    apart = links_apart([tree.bodies[m.geom_bodyid[g]] for g in geoms], meeting)
     return Robot(
         name_of(m, path), tree.links, actuators.joints, shapes, tree.base, held_by(m, tree), actuators.servos,
         postures_of(m, tree), tuple(apart), read_loops(m, tree, equality_names(m)),
         read_tendons(m, tree, actuators.drives), read_immersed(m, tree),
+        sensors=tuple(sensors), stated=settings,
     )  # fmt: skip
 
 

@@ -23,9 +23,11 @@ from ...model import Controller, Fluid, Ground, Joint, Loop, Servo, Surface
 from ...model.pair_contact import GROUND, NONE, PairContact, PairWord
 from ...model.pair_friction import PairFriction
 from ...model.placed import SEPARATOR, link_name
+from ...model.sensor import Sensor
 from ...model.shapes import Shape
 from ..report import Report
 from ..robot import Robot
+from ..settings import Settings
 from .actuators import read_actuators
 from .causes import doubts, gravity_of, notes, refusals
 from .equalities import Line, couplings
@@ -41,10 +43,14 @@ from .frictions import (
 )
 from .loops import equality_names, joining_loops, read_loops
 from .read import compiled, held_by, name_of, postures_of
+from .sensors import read_sensors
 from .sizes import documents_of
+from .stated import Stated, as_stated
 from .tendons import read_tendons, taken
 from .touching import collisions, links_apart, paired_geoms
 from .tree import (
+    FLOOR,
+    FRICTIONS,
     GEOMS,
     HFIELD,
     PAIRS,
@@ -90,6 +96,8 @@ class Content(NamedTuple):
     loops: tuple[Loop, ...]  # between members
     fluid: Fluid | None
     frictions: tuple[PairFriction, ...]
+    sensors: tuple[Sensor, ...]  # that stand in the world
+    stated: dict[str, Any]  # table of the <text> of the scene
 
 
 class Solids(NamedTuple):
@@ -113,17 +121,21 @@ def read_scene(path: Path, report: Report) -> Content:
     moving = moving_trees(m)
     for problem in (*refusals(m, everything), *_between_trees(m, mimics, joints)):
         report.refuse(None, problem)
-    if m.nbody > 1 and not moving:
-        report.refuse(None, "nothing in the file moves; a scene needs a <joint> or <freejoint>: add one to a body")
+    if not moving:
+        still = f"its {m.ngeom} geoms are ground and obstacles alone" if m.ngeom else "it is empty"
+        remedy = 'add what moves among them: <body><freejoint/><geom size="0.1"/></body>, or a <joint> to a body'
+        report.refuse(None, f"nothing in the file can move, {still}; a scene has one member or more: {remedy}")
     for sentence in (*doubts(m, everything), *_switched_off(m)):
         report.doubt(sentence)
     report.raise_problems(path)
-    floor = _floor(m, report)
+    texts = Stated(path, documents.values(), members=True, alone=len(moving) == 1)
+    written = any(text.get("name") == FRICTIONS for root in documents.values() for text in root.iter("text"))
+    floor = _floor(m, report, written)
     ground = None if floor is None else _ground(m, floor)
     stated = any("friction" in pair.attrib for root in documents.values() for pair in root.iter("pair"))
     pairs, unranked = _pairs(documents.values()), own_frictions(documents.values())
-    solids = _solids(m, floor, stated, unranked, report)
     prefixes = _prefixes(m)
+    solids = _solids(m, floor, stated, unranked, report, prefixes, texts.points())
     owners: dict[int, str] = {}  # link in the scene of each geom
     members, obstacles, taken, trees = [], [], list[str](), dict[int, tuple[str, Tree]]()
     for top in top_bodies(m):
@@ -131,11 +143,11 @@ def read_scene(path: Path, report: Report) -> Content:
         name = unused(prefixes.get(top, bodies[top].replace(SEPARATOR, "_")), taken)
         if top in moving:
             tree = _tree(m, top, prefixes.get(top, ""), bodies, joints, mimics)
-            members.append(_member(m, tree, top, name, solids, report, prefixes.get(top, "")))
+            members.append(_member(m, tree, top, name, solids, report, prefixes.get(top, ""), texts))
             trees[top] = name, tree
             links = tree.bodies
         elif geoms := [g for g in solids.shapes if m.geom_bodyid[g] in own]:
-            obstacles.append(_obstacle(m, top, name, geoms, solids))
+            obstacles.append(_obstacle(m, top, name, geoms, solids, texts, report))
             links = [OBSTACLE] * m.nbody
         else:
             continue
@@ -143,18 +155,19 @@ def read_scene(path: Path, report: Report) -> Content:
         owners.update({g: link_name(name, links[m.geom_bodyid[g]]) for g in solids.shapes if m.geom_bodyid[g] in own})
     for g in (g for g in solids.shapes if m.geom_bodyid[g] == 0):
         name = unused((m.geom(g).name or f"geom{g}").replace(SEPARATOR, "_"), [*taken, *bodies])
-        obstacles.append(_obstacle(m, 0, name, [g], solids))
+        obstacles.append(_obstacle(m, 0, name, [g], solids, texts, report))
         taken.append(name)
         owners[g] = link_name(name, OBSTACLE)
-    for sentence in (*notes(m, everything), *remarks):
+    sensors, said = read_sensors(m, lambda b: None)
+    for sentence in (*notes(m, everything), *said, *remarks):
         report.remark(sentence)
     if solids.collide.any() and pairs == NONE:
         report.remark('bodies touch the ground alone, unless compile_scene is given pairs="all"')
-    still = [link_name(part.robot.name, OBSTACLE) for part in obstacles]
-    excluded, loops = _excluded(solids, owners, still), joining_loops(m, trees, equality_names(m))
+    obstructing = [link_name(part.robot.name, OBSTACLE) for part in obstacles]
+    excluded, loops = _excluded(solids, owners, obstructing), joining_loops(m, trees, equality_names(m))
     return Content(
         name_of(m, path), members, obstacles, ground, gravity_of(m), excluded, pairs, loops, fluid_of(m),
-        _frictions(m, solids, owners, floor, report),
+        _frictions(m, solids, owners, floor, report), tuple(sensors), texts.table(),
     )  # fmt: skip
 
 
@@ -231,28 +244,38 @@ def _tree(m: Any, top: int, prefix: str, bodies: list[str], joints: list[str], m
     return tree_at(m, top, bodies, joints, mimics)
 
 
-def _member(m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Report, prefix: str) -> Part:
+def _member(
+    m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Report, prefix: str, texts: Stated
+) -> Part:
     joints: tuple[Joint, ...] = tree.joints
-    servos, drives = dict[str, Servo](), dict[int, Controller]()
+    servos, drives, stated = dict[str, Servo](), dict[int, Controller](), Settings()
     with report.blaming():
-        actuators = read_actuators(m, tree, tree.joints, taken(m, tree))
+        stated = texts.of(name, tree.links, tree.joints, report)
+        actuators = read_actuators(m, tree, tree.joints, taken(m, tree), stated.servos)
         joints, servos, drives = actuators.joints, actuators.servos, actuators.drives
         for sentence in actuators.doubts:
             report.doubt(sentence)
         for sentence in actuators.remarks:
             report.remark(sentence)
     own = [g for g in solids.shapes if m.body_rootid[m.geom_bodyid[g]] == top]
-    shapes = {g: replace(solids.shapes[g], link=tree.bodies[m.geom_bodyid[g]]) for g in own}
+    found = (replace(solids.shapes[g], link=tree.bodies[m.geom_bodyid[g]]) for g in own)
+    shapes = dict(zip(own, as_stated(found, stated.shapes)))
+    sensors, said = read_sensors(
+        m, lambda b: tree.bodies[b] if b and m.body_rootid[b] == top else None, f"{prefix}{SEPARATOR}", world=False
+    )
+    for sentence in said:
+        report.remark(sentence)
     loops = read_loops(m, tree, [x.removeprefix(f"{prefix}{SEPARATOR}") for x in equality_names(m)], top)
     robot = Robot(
         name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree),
         loops=loops, tendons=read_tendons(m, tree, drives, top), immersed=read_immersed(m, tree, top),
+        sensors=tuple(sensors), stated=stated._replace(shapes={}),
     )  # fmt: skip
     touching = tuple(_on_ground(shape, *solids.friction[g]) for g, shape in shapes.items() if g in solids.friction)
     return Part(robot, vector(m.body_pos[top]), tuple(m.body_quat[top].tolist()), touching)
 
 
-def _obstacle(m: Any, top: int, name: str, geoms: list[int], solids: Solids) -> Part:
+def _obstacle(m: Any, top: int, name: str, geoms: list[int], solids: Solids, texts: Stated, report: Report) -> Part:
     """Gather shapes that never move in the frame of a body of the world, or in that of a single geom of the world."""
     shapes = []
     for g in geoms:
@@ -263,11 +286,9 @@ def _obstacle(m: Any, top: int, name: str, geoms: list[int], solids: Solids) -> 
             E, r, b = product(turn, E), m.body_pos[b] + applied(turn, r), int(m.body_parentid[b])
         r, E = (r, E) if top else (np.zeros(3), np.eye(3))
         surface = shape.surface and _in_frame(m, g, shape.surface, E, r)
-        shapes.append(
-            replace(shape, link=OBSTACLE, xyz=vector(r), rpy=rpy_from_rotation(E), surface=surface)
-        )
+        shapes.append(replace(shape, link=OBSTACLE, xyz=vector(r), rpy=rpy_from_rotation(E), surface=surface))
     position, quaternion = (m.body_pos[top], m.body_quat[top]) if top else (m.geom_pos[geoms[0]], m.geom_quat[geoms[0]])
-    robot = Robot(name, (), (), tuple(shapes), "fixed")
+    robot = Robot(name, (), (), as_stated(shapes, texts.of(name, (), (), report).shapes), "fixed")
     return Part(robot, vector(position), tuple(quaternion.tolist()), ())
 
 
@@ -285,10 +306,14 @@ def _on_ground(shape: Shape, friction: float | None, rolling: float | None) -> S
     return replace(shape, friction=friction, rolling_friction=rolling)
 
 
-def _solids(m: Any, floor: int | None, stated: bool, own: Mapping[str, Numbers], report: Report) -> Solids:
+def _solids(
+    m: Any, floor: int | None, stated: bool, own: Mapping[str, Numbers], report: Report, prefixes: Mapping[int, str],
+    points: set[str],
+) -> Solids:  # fmt: skip
     """Find the geoms that touch something, which touch the ground, and which each other.
 
-    stated: whether the file states a friction of a <pair>; own: the friction that `save_scene` has written.
+    stated: whether the file states a friction of a <pair>; own: the friction that `save_scene` has written; prefixes:
+    of names, by the body of the world; points: geoms that stand for contact points.
     """
     paired = paired_geoms(m)
     alone = {g for pair in paired for g in pair}
@@ -296,7 +321,7 @@ def _solids(m: Any, floor: int | None, stated: bool, own: Mapping[str, Numbers],
     shapes: dict[int, Shape] = {}
     left: dict[str, list[str]] = {}
     for g in range(m.ngeom):
-        if g == floor or not (m.geom_contype[g] or m.geom_conaffinity[g] or g in alone):
+        if g == floor or names[g] in points or not (m.geom_contype[g] or m.geom_conaffinity[g] or g in alone):
             continue
         geometry = geometry_of(m, g)
         if geometry is None:
@@ -305,7 +330,8 @@ def _solids(m: Any, floor: int | None, stated: bool, own: Mapping[str, Numbers],
         rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
         numbers, priority = friction_of(m, g, own)
         surface = surface_of(m, g, names[g])
-        shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, names[g], *numbers, surface, priority)
+        name = names[g].removeprefix(f"{prefixes.get(int(m.body_rootid[m.geom_bodyid[g]]), '')}{SEPARATOR}")
+        shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, name, *numbers, surface, priority)
     for sentence in rounded(m, shapes, names):
         report.remark(sentence)
     for kind, geoms in left.items():
@@ -326,12 +352,17 @@ def _excluded(solids: Solids, owners: Mapping[int, str], still: list[str]) -> li
 # ---------------------------------------------------------------------------------------------- ground
 
 
-def _floor(m: Any, report: Report) -> int | None:
-    """Return the geom that is the ground: the first plane that is no wall, or level height field, that never moves."""
+def _floor(m: Any, report: Report, own: bool) -> int | None:
+    """Return the geom that is the ground: the first plane that is no wall, or level height field, that never moves.
+
+    own: whether `save_scene` has written the file, which calls the ground by its name.
+    """
     planes = [g for g in range(m.ngeom) if m.geom_type[g] in (PLANE, HFIELD) and not m.body_weldid[m.geom_bodyid[g]]]
     touched = [g for g in planes if m.geom_contype[g] or m.geom_conaffinity[g] or g in {*m.pair_geom1, *m.pair_geom2}]
     good = []
     for g in touched:
+        if own and m.geom(g).name != FLOOR:
+            continue
         E, _ = _in_world(m, g)
         good += [g] if E[2, 2] > STEEP and (m.geom_type[g] == PLANE or np.array_equal(E, np.eye(3))) else []
     if good and not gravity_of(m)[2] < 0:

@@ -97,10 +97,13 @@ def paired_geoms(m: Any) -> set[tuple[int, int]]:
     return {(int(one), int(two)) for one, two in zip(m.pair_geom1, m.pair_geom2)}
 
 
-def collisions(m: Any, geoms: list[int], paired: set[tuple[int, int]]) -> np.ndarray:
-    """Return which geoms (n, n) may touch each other by contype and conaffinity, <exclude> and <pair>."""
+def collisions(m: Any, geoms: list[int], paired: set[tuple[int, int]], alike: bool = False) -> np.ndarray:
+    """Return which geoms (n, n) may touch each other by contype and conaffinity, <exclude> and <pair>.
+
+    alike: whether contype and conaffinity do not count.
+    """
     kind, affinity, body = (x[geoms] for x in (m.geom_contype, m.geom_conaffinity, m.geom_bodyid))
-    found = (kind[:, None] & affinity) != 0
+    found = (kind[:, None] & affinity != 0) | alike
     found |= found.T
     for one, two in excluded_bodies(m):
         found[np.ix_(body == one, body == two)] = False

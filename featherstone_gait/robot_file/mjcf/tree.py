@@ -21,6 +21,7 @@ from ..robot import MASSLESS
 from .equalities import Line
 
 WORLD = "world"
+FLOOR = "floor"  # name of the geom that is the ground in what this package writes
 PAIRS = "featherstone_gait_pairs"  # name of the <text> that says which bodies touch each other
 FRICTIONS = "featherstone_gait_frictions"  # and of that with the friction of shapes that have no priority
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint

@@ -22,14 +22,27 @@ from ...base.rotation import rotation_from_rpy, rpy_from_rotation
 from ...model import ContactPoint, Ground, Joint, Link, Model, Placement, RigidBody, inertia_matrix, rigid_bodies
 from ...model.degrees import degrees_of, written_degrees
 from ...model.rigid_bodies import depth_first_joints, held_frame
-from ...model.shapes import Shape
+from ...model.shapes import Mesh, Shape
 from ..markup import comment, element
 from ..urdf import TRIANGLE_TOLERANCE
+from ..write_toml import mjcf_lines, rubs
+from .fluids import immersed_geoms
 from .loops import length_at_zero, loop_lines, rod_lines, site_lines
+from .sensors import lost_of_sensors, measures, sensor_lines, sensor_site_lines
+from .stated import STATED
 from .tendons import tendon_lines, tendon_site_lines, wound
 from .tree import NO_STOP, WORLD, unused
-from .write_actuators import actuator_lines, passive
-from .write_geoms import field_lines, floor_lines, geom_lines, mesh_lines, pair_lines, unread_meshes
+from .write_actuators import actuator_lines, is_stated, passive
+from .write_geoms import (
+    field_lines,
+    floor_lines,
+    geom_lines,
+    geom_names,
+    has_extent,
+    mesh_lines,
+    pair_lines,
+    unread_meshes,
+)
 
 Inertials: TypeAlias = dict[str, list[str]]  # lines by link
 Pose: TypeAlias = tuple[np.ndarray, np.ndarray]  # rotation (3, 3) and origin (3,) [m]
@@ -39,10 +52,14 @@ ROUNDING = 1e-13  # of the largest moment, by which moments may miss what is ask
 LEAST_EFFORT = sys.float_info.min  # [N m or N]
 
 
-def mjcf_text(model: Model, ground: Ground | None = None) -> str:
-    """Write the robot as MJCF, with a floor if ground is given.
+def mjcf_text(
+    model: Model, ground: Ground | None = None, fluid: bool = False, bare: bool = True
+) -> tuple[str, list[str]]:
+    """Write the robot as MJCF, with a floor if ground is given; return what the file lacks, too.
 
-    Raises ValueError for what MJCF cannot state, and for moving bodies with an inertia that no rigid body has.
+    fluid: whether the file has a medium that acts on it by MuJoCo's laws; bare: whether friction and priority of shapes
+    stand in the <text> alone.  Raises ValueError for what MJCF cannot state, and for moving bodies with an inertia that
+    no rigid body has.
     """
     _check_bodies(model)
     inertias, changed = _inertials(model)
@@ -50,8 +67,9 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
     floor, steps = floor_lines(model, ground)
     couplings = [(joint.name, joint.mimic) for joint in model.moving_joints if joint.mimic]
     sections = {
+        "custom": _text_lines(model, fluid, bare),
         "asset": [*mesh_lines(model), *field_lines(ground)],
-        "worldbody": [*floor, *_site_lines(model, None), *_root_lines(model, inertias)],
+        "worldbody": [*floor, *_site_lines(model, None), *_root_lines(model, inertias, fluid)],
         "equality": [
             line
             for name, (leader, b, a) in ((name, astuple(mimic)) for name, mimic in couplings)
@@ -61,51 +79,77 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
         "tendon": [*rod_lines(model.loops), *tendon_lines(model)],
         "contact": [*pair_lines(model, ground), *_exclude_lines(model)],
         "actuator": actuators,
+        "sensor": sensor_lines(model.sensors),
         "keyframe": _key_lines(model),
     }
+    lost = [*lacking, *steps, *changed, *_lost(model, ground, fluid, bare)]
     inside = [
-        *(comment(remark) for remark in (*lacking, *steps, *changed, *_remarks(model, ground))),
+        *(comment(remark) for remark in (*lost, *_remarks(model))),
         *element("compiler", {"angle": "radian", "eulerseq": "XYZ", "autolimits": "true"}),
         *(element("option", {"cone": "elliptic"}) if ground else []),
         *(line for tag, lines in sections.items() if lines for line in element(tag, {}, lines)),
     ]
-    return "\n".join([*element("mujoco", {"model": model.name}, inside), ""])
+    return "\n".join([*element("mujoco", {"model": model.name}, inside), ""]), lost
 
 
-def _left_out(model: Model) -> list[str]:
-    rollers = any(point.roller_angle is not None for point in model.contacts)
-    shapes = ["immersed shapes"] * bool(model.immersed) + ["propellers"] * bool(model.propellers)
-    tracks = any(point.surface is not None and point.circle_radius > 0 for point in model.contacts)
-    moved = ["surfaces that move on circles of contact"] * tracks
-    drums = [f"the tendon {one.name!r} of joints and a path" for one in model.tendons if wound(model, one)]
-    return shapes + ["rollers of wheels"] * rollers + moved + drums + ["sensors"] * bool(model.sensors)
+def _text_lines(model: Model, fluid: bool, bare: bool) -> list[str]:
+    """Write the <text> with what MJCF has no element for."""
+    joints = [one for joint in model.joints for one in written_degrees(joint) if _moves(model, one)]
+    servos = {joint.name for joint in joints if joint.name in model.servos and not is_stated(model.servos[joint.name])}
+    names = geom_names(model)
+    shapes = {
+        name: shape
+        for name, shape in zip(names, model.shapes)
+        if name and (shape.surface or (bare and (model.contacts or rubs(shape))))
+    }
+    stated = () if fluid else model.immersed
+    tendons = [one for one in model.tendons if wound(model, one)]
+    lines = mjcf_lines(model, joints, servos, stated, tendons, tuple(names[len(model.shapes) :]), shapes)
+    return element("text", {"name": STATED, "data": "\n".join(lines).strip()}) if lines else []
 
 
-def _remarks(model: Model, ground: Ground | None) -> list[str]:
-    remarks = [f"left out {what}, which MJCF does not state" for what in _left_out(model)]
-    if ground is not None and ground.lines:
-        remarks.append("left out the lines on the ground")
-    frictions = [point.friction for point in model.contacts] + [shape.friction for shape in model.shapes]
-    if ground is None and any(mu is not None for mu in frictions):
-        remarks.append("left out the friction that contacts have of their own with a floor: there is none")
-    if any(joint.velocity < math.inf for joint in model.joints):
-        remarks.append("MJCF cannot state the largest velocity of a joint")
+def _lost(model: Model, ground: Ground | None, fluid: bool, bare: bool) -> list[str]:
+    """Return what MuJoCo does not find in the file; `_text_lines` has it for this package where it can."""
+    tracks = [one for one in model.contacts if one.surface is not None and one.circle_radius > 0]
+    parts: tuple[ContactPoint | Shape, ...] = (*model.contacts, *model.shapes)
+    rubbing = [one for one in parts if one.friction is not None]
+    left = {
+        "immersed shapes on links": [] if fluid else [one.link for one in model.immersed],
+        "propellers of joints": [one.joint for one in model.propellers],
+        "rollers of wheels on links": [one.link for one in model.contacts if one.roller_angle is not None],
+        "surfaces that move on circles of contact on links": [one.link for one in tracks],
+        "the tendons of joints and a path": [one.name for one in model.tendons if wound(model, one)],
+        "the lines on the ground": ["floor"] if ground is not None and ground.lines else [],
+        "meshes that MuJoCo does not find or read": unread_meshes(model),
+        "shapes without extent": _flat(model),
+        "the friction with a floor, since there is none, of": [] if ground or not bare else [x.link for x in rubbing],
+        "what shapes beside contact points touch": [x.name or x.link for x in model.shapes if bare and model.contacts],
+        "joints that are held, and welded in the file": [*model.held],
+    }  # fmt: skip
+    lost = [f"left out {what}: {', '.join(dict.fromkeys(names))}" for what, names in left.items() if names]
+    if hinges := [loop.name for loop in model.loops if loop.kind == "hinge"]:
+        lost.append("MJCF has no hinge among its loops; wrote two points of the axis of " + ", ".join(hinges))
+    return [*lost, *_lost_drives(model), *lost_of_sensors(model.sensors)]
+
+
+def _remarks(model: Model) -> list[str]:
+    """Return how the file states what it has."""
+    remarks = []
     if any(joint.effort < math.inf for joint in model.moving_joints if joint.name in model.servos):
         remarks.append("MuJoCo limits servos by the efforts of joints (actuatorfrcrange) too: this package does not")
-    if model.held:
-        remarks.append("joints that are held are welded: " + ", ".join(model.held))
     if idle := [joint.name for joint in model.moving_joints if joint.effort == 0]:
         remarks.append("MJCF cannot state an effort of 0; replaced by the smallest number: " + ", ".join(idle))
     if any(link.name == WORLD for link in model.links) and not _is_world(model):
         remarks.append(f"link 'world' is called {_body_name(model, WORLD)!r}")
-    if unread_meshes(model):
-        remarks.append("left out meshes that MuJoCo does not find or read: " + ", ".join(unread_meshes(model)))
-    if hinges := [loop.name for loop in model.loops if loop.kind == "hinge"]:
-        remarks.append("MJCF has no hinge among its loops; wrote two points of the axis of " + ", ".join(hinges))
-    remarks += _lost_drives(model)
     if model.contacts:
         remarks.append("contact points are small spheres and flat cylinders; shapes touch nothing beside them")
     return remarks
+
+
+def _flat(model: Model) -> list[str]:
+    """Return the shapes that MuJoCo refuses, for they have no extent."""
+    kinds = [shape for shape in model.shapes if not isinstance(shape.geometry, Mesh) and not has_extent(shape.geometry)]
+    return [f"{shape.name or type(shape.geometry).__name__} of link {shape.link}" for shape in kinds]
 
 
 def _lost_drives(model: Model) -> list[str]:
@@ -143,8 +187,8 @@ def _check_bodies(model: Model) -> None:
 # ---------------------------------------------------------------------------------------------- bodies
 
 
-def _root_lines(model: Model, inertias: Inertials) -> list[str]:
-    inside = _inside(model, model.root, inertias)
+def _root_lines(model: Model, inertias: Inertials, fluid: bool) -> list[str]:
+    inside = _inside(model, model.root, inertias, fluid)
     if _is_world(model):
         return inside[model.root in inertias :]
     free = ["<freejoint/>"] if model.base == "floating" else []
@@ -152,17 +196,22 @@ def _root_lines(model: Model, inertias: Inertials) -> list[str]:
     return element("body", attributes, [*free, *inside])
 
 
-def _inside(model: Model, link: str, inertias: Inertials) -> list[str]:
+def _inside(model: Model, link: str, inertias: Inertials, fluid: bool) -> list[str]:
     """Write what a link's body holds besides its joints."""
-    children = [line for joint in model.joints if joint.parent == link for line in _child_lines(model, joint, inertias)]
-    return [*inertias.get(link, []), *geom_lines(model, link), *_site_lines(model, link), *children]
+    joints = [joint for joint in model.joints if joint.parent == link]
+    children = [line for joint in joints for line in _child_lines(model, joint, inertias, fluid)]
+    geoms = [*geom_lines(model, link), *(immersed_geoms(model, link) if fluid else [])]
+    return [*inertias.get(link, []), *geoms, *_site_lines(model, link), *children]
 
 
 def _site_lines(model: Model, link: str | None) -> list[str]:
-    return [*site_lines(model.loops, link), *tendon_site_lines(model, link)]
+    sites = [*site_lines(model.loops, link), *tendon_site_lines(model, link)]
+    if link == WORLD and not _is_world(model):  # a body, and sensors of the world are not on it
+        return sites
+    return sites + sensor_site_lines(model.sensors, link or WORLD)
 
 
-def _child_lines(model: Model, joint: Joint, inertias: Inertials) -> list[str]:
+def _child_lines(model: Model, joint: Joint, inertias: Inertials, fluid: bool) -> list[str]:
     """Write the body at the end of a joint, or of a chain of joints between massless links."""
     chain = written_degrees(joint)
     while _moves(model, chain[-1]) and _is_frame(model, chain[-1].child):
@@ -175,7 +224,7 @@ def _child_lines(model: Model, joint: Joint, inertias: Inertials) -> list[str]:
     joints = [line for j, pose in moving for line in _joint_lines(model, j, pose, poses[-1])]
     link = chain[-1].child
     attributes = {"name": _body_name(model, link), "pos": xyz, "euler": rpy, "gravcomp": _borne(model, link)}
-    return element("body", attributes, [*joints, *_inside(model, link, inertias)])
+    return element("body", attributes, [*joints, *_inside(model, link, inertias, fluid)])
 
 
 def _moves(model: Model, joint: Joint) -> bool:
@@ -212,6 +261,7 @@ def _is_frame(model: Model, name: str) -> bool:
     ends = [joint for joint in model.joints if name in (joint.parent, joint.child)]
     carries = {shape.link for shape in model.shapes} | {point.link for point in model.contacts}
     carries |= {via.link for tendon in model.tendons for via in tendon.path if via.link is not None}
+    carries |= {one.link for one in model.immersed} | {inner.link for one in model.sensors if (inner := measures(one))}
     carries |= {end for loop in model.loops for end in (loop.a, loop.b) if end is not None}
     plain = link.mass == 0 and not any(link.inertia) and name != model.root and name not in carries
     return plain and len(ends) == 2 and all(_moves(model, one) for joint in ends for one in written_degrees(joint))
@@ -305,7 +355,7 @@ def _inertials(model: Model) -> tuple[Inertials, list[str]]:
                 remark = f"moments of inertia raised to {LEAST} kg m^2"
             else:
                 remark = "one inertia for all that moves as one with"
-            remarks.setdefault(remark, []).append(body.links[0])
+            remarks.setdefault(remark, []).append(" and ".join(link.name for link in heavy) or body.links[0])
         lines |= found or {}
     return lines, [f"{what}: {', '.join(names)}" for what, names in remarks.items()]
 

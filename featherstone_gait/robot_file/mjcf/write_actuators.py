@@ -30,7 +30,10 @@ def actuator_lines(model: Model) -> tuple[list[str], list[str]]:
         for what in _lacking(servo):
             lacking.setdefault(what, []).append(name)
     source = [] if model.supply is None else ["of the supply: each actuator has its own, whatever the others draw"]
-    return lines, source + [f"of the servos {', '.join(names)}: {what}" for what, names in lacking.items()]
+    alike: dict[str, list[str]] = {}
+    for what, names in lacking.items():
+        alike.setdefault(", ".join(names), []).append(what)
+    return lines, source + [f"of the servos {names}: {', '.join(whats)}" for names, whats in alike.items()]
 
 
 def passive(model: Model, joint: Joint) -> tuple[float, float, float]:
@@ -39,12 +42,27 @@ def passive(model: Model, joint: Joint) -> tuple[float, float, float]:
     if servo is None:
         return joint.damping, joint.friction, joint.armature
     damping, armature = (0.0, 0.0) if servo.controller.law in MOTORS else (_damping(servo), rotor_inertia(servo))
+    if servo.controller.law == "pid_speed":
+        damping += (servo.gearbox.ratio * servo.motor_constant) ** 2 / servo.resistance
     return joint.damping + damping, joint.friction + servo.coulomb_friction, joint.armature + armature
 
 
 def _damping(servo: Servo) -> float:
     """Return the damping at the output, with the rotor's [N m s/rad]."""
     return servo.viscous_friction + servo.gearbox.reflected_damping
+
+
+def _speed_gain(servo: Servo) -> float:
+    """Return the torque of a motor by the error of the speed, back-EMF apart [N m s/rad]."""
+    return servo.gearbox.ratio * servo.motor_constant / servo.resistance * servo.controller.Kp
+
+
+def is_stated(servo: Servo) -> bool:
+    """Return whether MJCF states all of a servo."""
+    law = servo.controller
+    return law.law == "pd_clamped" and servo == Servo(
+        Controller(law.law, law.Kp, Kd=law.Kd, torque_limit=law.torque_limit)
+    )
 
 
 def rotor_inertia(servo: Servo | None) -> float:
@@ -55,8 +73,10 @@ def rotor_inertia(servo: Servo | None) -> float:
 def _actuator(name: str, servo: Servo) -> list[str]:
     """Write the actuator of a servo; none if MuJoCo has no such law."""
     law, gear = servo.controller, servo.gearbox
-    if law.law == "pid_speed":
-        return []
+    if law.law == "pid_speed":  # with the back-EMF among the joint's damping
+        most = _speed_gain(servo) / law.Kp * servo.voltage_limit if law.Kp else 0.0
+        kv = {"kv": _speed_gain(servo), "forcerange": (-most, most)}
+        return element("velocity", {"name": name, "joint": name, **kv}) if law.Kp else []
     if law.law in CONTINUOUS:
         limit = (-law.torque_limit, law.torque_limit) if law.torque_limit < math.inf else None
         return element("position", {"name": name, "joint": name, "kp": law.Kp, "kv": law.Kd, "forcerange": limit})
@@ -100,9 +120,11 @@ def _lacking(servo: Servo) -> list[str]:
     if law.law in CONTINUOUS:
         limited = law.law == "pd" and law.torque_limit < math.inf
         return [DAMPED] * limited + [LONG_WAY] * law.wrap + _beside(servo)
-    if law.law == "pid_speed":
-        return ["left out: no actuator has the law pid_speed", *_beside(servo)]
+    speed = law.law == "pid_speed"
     found = {
+        "left out, since without Kp no actuator follows the speed": speed and not law.Kp,
+        "no integral and derivative of the speed's error, inductance and limit of the current": speed
+        and (law.Ki > 0 or law.Kd > 0 or servo.inductance > 0 or servo.current_limit < math.inf),
         "the controller acts at all times, not at ticks, and without lag": True,
         "the gearbox is rigid": gear.stiffness < math.inf,
         "no backlash": gear.backlash > 0,
@@ -120,7 +142,7 @@ def _lacking(servo: Servo) -> list[str]:
         "no delay from reading to voltage": law.delay > 0,
         LONG_WAY: law.wrap,
     }
-    return [what for what, holds in found.items() if holds]
+    return [what for what, holds in found.items() if holds] + (_beside(servo) if speed else [])
 
 
 def _beside(servo: Servo) -> list[str]:

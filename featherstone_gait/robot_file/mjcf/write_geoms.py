@@ -22,7 +22,8 @@ from ...model.links import Vector
 from ...model.numpy_dynamics import zero_position
 from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
 from ..markup import comment, element
-from .tree import unused
+from ..write_toml import rubs
+from .tree import FLOOR, unused
 from .write_actuators import rotor_inertia
 
 IMPEDANCE = 0.9  # MuJoCo's default
@@ -32,7 +33,6 @@ POINT_RADIUS = 1e-4  # of a contact point as a sphere, half the thickness of a c
 READ = (".stl", ".obj", ".msh")  # mesh files
 MOST_TRIANGLES = 200_000  # of an STL
 ROLLING = (0.005, 0.0001)  # friction of spinning and of rolling, MuJoCo's defaults [m]
-FLOOR = "floor"
 MASSLESS = {"mass": "0"}
 TOUCHING = {"contype": "1", "conaffinity": "0"}  # a floor, and not each other
 SILENT = {"contype": "0", "conaffinity": "0"}
@@ -44,7 +44,7 @@ def geom_lines(model: Model, link: str) -> list[str]:
     A contact point is a sphere, or a flat cylinder for a circle; if the model has contact points, shapes touch no
     floor.
     """
-    names = _names(model)
+    names = geom_names(model)
     bits, lines = (SILENT if model.contacts else TOUCHING), []
     for k, shape in enumerate(model.shapes):
         if shape.link == link:
@@ -56,11 +56,11 @@ def geom_lines(model: Model, link: str) -> list[str]:
     return lines
 
 
-def _names(model: Model) -> list[str]:
+def geom_names(model: Model) -> list[str]:
     """Return names of the shapes, then of the contact points; empty for a shape that has and needs none."""
     names: list[str] = []
     for k, shape in enumerate(model.shapes):
-        paired = shape.friction is not None or shape.rolling_friction
+        paired = rubs(shape) or shape.surface or (model.contacts and has_extent(shape.geometry))
         name = shape.name or (f"shape{k}" if paired else "")
         names.append(unused(name, [FLOOR, *names]) if name else "")
     for k in range(len(model.contacts)):
@@ -78,7 +78,7 @@ def pair_lines(model: Model, ground: Ground | None) -> list[str]:
     written = [bool(_geometry(k, shape.geometry)) and not model.contacts for k, shape in enumerate(model.shapes)]
     items: list[Shape | ContactPoint] = [*model.shapes, *model.contacts]
     lines = []
-    for name, item, touches in zip(_names(model), items, [*written, *[True] * len(model.contacts)]):
+    for name, item, touches in zip(geom_names(model), items, [*written, *[True] * len(model.contacts)]):
         mu, rolls = ground.friction if item.friction is None else item.friction, item.rolling_friction
         if touches and (rolls or item.friction is not None):
             friction = (mu, mu, 0.0, rolls, rolls) if rolls else (mu, mu, *ROLLING, ROLLING[-1])
@@ -136,6 +136,11 @@ def _geometry(k: int, geometry: Geometry) -> dict[str, Any]:
         case Capsule(radius, length) | Cylinder(radius, length):
             size = (radius, 0.5 * length)
     return {"type": type(geometry).__name__.lower(), "size": size} if min(size) > 0 else {}
+
+
+def has_extent(geometry: Geometry) -> bool:
+    """Return whether MuJoCo accepts a geometry other than a mesh file."""
+    return bool(_geometry(0, geometry))
 
 
 def _readable(file: str) -> bool:
@@ -273,8 +278,6 @@ def _inverse_inertia(model: Model, link: Link) -> float:
     total = 0.0
     for e in np.eye(3):
         wrench = {link.name: Wrench(e, np.cross(link.center_of_mass, e))}
-        qd = forward_dynamics(
-            model, q, still, still, wrench=wrench, armature=armature, stiffness=slack, gravity=none
-        )
+        qd = forward_dynamics(model, q, still, still, wrench=wrench, armature=armature, stiffness=slack, gravity=none)
         total += 2.0 * float(energy(model, q, qd, armature=armature, gravity=none).kinetic) / 3.0
     return total

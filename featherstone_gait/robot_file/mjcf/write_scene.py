@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Comment, Element, SubElement, TreeBuilder, XMLParser, fromstring, indent, tostring
 
@@ -23,10 +23,16 @@ from ...model import ContactPoint, Ground, Loop, Model
 from ...model.numpy_dynamics import zero_position
 from ...model.pair_contact import GROUND, PairContact, pair_contact
 from ...model.pair_friction import Frictions, shape_names
-from ...model.placed import SEPARATOR, Placed, SceneModel, link_name
+from ...model.placed import OF_SCENE, SEPARATOR, Placed, SceneModel, link_name
 from ...model.rest_posture import nearest_posture, standing_keyframe
 from ...model.shapes import Shape
+from ..write_toml import sensor_lines as carried_sensors
+from ..write_toml import table_lines
+from .fluids import is_mujocos
 from .loops import loop_lines, rod_lines, site_lines
+from .sensors import lost_of_sensors, measures, sensor_lines, sensor_site_lines
+from .stated import OF_SCENE as STATED_OF_SCENE
+from .stated import STATED
 from .tree import FRICTIONS, PAIRS, WORLD, unused
 from .write import mjcf_text
 from .write_frictions import contact_of, friction_pairs, geoms_of, unranked, write_friction
@@ -37,7 +43,8 @@ REFERENCES = (
     "name", "joint", "joint1", "joint2", "mesh", "hfield", "geom1", "geom2", "body1", "body2", "site", "site1", "site2",
     "tendon", "tendon1", "geom", "sidesite",
 )  # fmt: skip
-SECTIONS = ("asset", "worldbody", "tendon", "equality", "contact", "actuator")
+SECTIONS = ("asset", "worldbody", "tendon", "equality", "contact", "actuator", "sensor")
+GIVING = ("penetration", "damping_ratio", "steps", "lines")  # of a Ground, what its geom does not state
 BITS = {True: ("3", "2"), False: ("2", "2")}  # contype and conaffinity of shapes that touch the ground and do not
 
 
@@ -48,24 +55,26 @@ class Written(NamedTuple):
     root: Element  # of the file of this model alone
     touching: tuple[Shape, ...]  # the shapes that touch the ground, with their friction there
     body: Element  # the first body, at its place
+    lost: list[str]  # what the file lacks
     beside: list[Element]  # what a floating model has in the world: ends of tendons and loops
 
 
-def scene_text(scene: SceneModel) -> str:
-    """Write the scene; raise ValueError for a model that MJCF cannot state."""
+def scene_text(scene: SceneModel) -> tuple[str, list[str]]:
+    """Write the scene, and return what the file lacks; raise ValueError for a model that MJCF cannot state."""
     root, sections = Element("mujoco", model=scene.name), {tag: Element(tag) for tag in SECTIONS}
-    parts = [_written(placed, scene, _on_ground(placed, scene)) for placed in scene.all]
+    fluid = scene.fluid is not None and scene.fluid.level is None and all(is_mujocos(at.model) for at in scene.members)
+    parts = [_written(placed, scene, _on_ground(placed, scene), fluid) for placed in scene.all]
     for placed, part in zip(scene.all, parts):
         root.extend(_comments(placed.name, part.root))
-    if scene.fluid is not None:
-        root.append(Comment(f" left out the fluid of density {scene.fluid.density!r}, and what it acts on "))
-    if scene.ground is not None and scene.ground.lines:
-        root.append(Comment(" left out the lines on the ground "))
+    lost = [f"{placed.name}: {one}" for placed, part in zip(scene.all, parts) for one in part.lost]
+    of_scene = _lost(scene, fluid)
+    root.extend(Comment(f" {one} ") for one in of_scene)
     SubElement(root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true")
-    options = {} if scene.gravity is None else {"gravity": _numbers(scene.gravity)}
-    SubElement(root, "option", options | ({"cone": "elliptic"} if scene.ground else {}))
+    SubElement(root, "option", _options(scene, fluid))
     if scene.ground is not None:
-        root.extend(_ground(scene, scene.ground, sections))
+        steps = _ground(scene, scene.ground, sections)
+        root.extend(Comment(f" {one} ") for one in steps)
+        lost += steps
     for placed, part in zip(scene.all, parts):
         pairs = _pairs(part, placed, scene.ground)
         for tag in SECTIONS:
@@ -81,28 +90,80 @@ def scene_text(scene: SceneModel) -> str:
     for one, two in scene.excluded:
         if {one, two} <= bodies:
             SubElement(sections["contact"], "exclude", body1=one, body2=two)
-    _write_loops(scene, sections)
-    if hinges := [loop.name for loop in scene.loops if loop.kind == "hinge"]:
-        remark = f"MJCF has no hinge among its loops; wrote two points of the axis of {', '.join(hinges)}"
-        root.insert(0, Comment(f" {remark} "))
+    _write_beside(scene, sections)
     custom = SubElement(root, "custom")
     if pair_contact(scene.pairs) is not None:
         SubElement(custom, "text", name=PAIRS, data=_stated(scene.pairs))
     SubElement(custom, "text", name=FRICTIONS, data=unranked(geoms, written))
+    if own := _own_text(scene, fluid):
+        SubElement(custom, "text", name=STATED_OF_SCENE, data=own)
+    for placed, part in zip(scene.all, parts):
+        for text in part.root.iterfind("custom/text"):
+            SubElement(custom, "text", name=link_name(STATED, placed.name), data=text.attrib["data"])
     root.extend(section for section in sections.values() if len(section))
     _write_keys(root, scene.members, parts)
     indent(root)
-    return tostring(root, encoding="unicode") + "\n"
+    return tostring(root, encoding="unicode") + "\n", [*lost, *of_scene]
 
 
-def _write_loops(scene: SceneModel, sections: dict[str, Element]) -> None:
-    """Write the loops between members; raise ValueError for one on the root of a fixed robot, which is no body."""
+def _options(scene: SceneModel, fluid: bool) -> dict[str, str]:
+    """Return the attributes of <option>; fluid: whether that of the scene is one of MuJoCo's."""
+    options = {} if scene.gravity is None else {"gravity": _numbers(scene.gravity)}
+    if fluid and scene.fluid is not None:
+        medium = {"density": (scene.fluid.density,), "viscosity": (scene.fluid.viscosity,), "wind": scene.fluid.current}
+        options |= {name: _numbers(values) for name, values in medium.items()}
+    return options | ({"cone": "elliptic"} if scene.ground else {})
+
+
+def _lost(scene: SceneModel, fluid: bool) -> list[str]:
+    """Return what MuJoCo does not find of the scene as a whole."""
+    lost = lost_of_sensors(scene.sensors)
+    if scene.fluid is not None and not fluid:
+        lost.append(
+            f"left out the fluid of density {scene.fluid.density!r}, and what it acts on: MuJoCo's has no surface and "
+            "lifts nothing, and acts on all bodies as boxes of their inertia or as ellipsoids"
+        )
+    if scene.ground is not None and scene.ground.lines:
+        lost.append("left out the lines on the ground")
+    if high := [at.name for at in scene.members if not at.ground_contact and at.model.contacts]:
+        lost.append(f"left out the contact points, which touch no ground, of {', '.join(high)}")
+    if geared := [at.name for at in scene.members if at.gearbox not in (None, OF_SCENE)]:
+        lost.append(f"left out which model the gearboxes have of {', '.join(geared)}")
+    if hinges := [loop.name for loop in scene.loops if loop.kind == "hinge"]:
+        lost.append(f"MJCF has no hinge among its loops; wrote two points of the axis of {', '.join(hinges)}")
+    return lost
+
+
+def _own_text(scene: SceneModel, fluid: bool) -> str:
+    """Write what MJCF has no element for of ground, fluid and sensors, as TOML."""
+    tables = {} if scene.fluid is None or fluid else {"fluid": asdict(scene.fluid)}
+    if scene.ground is not None:
+        plain = Ground()
+        stated = {name: x for name in GIVING if (x := getattr(scene.ground, name)) != getattr(plain, name)}
+        if "lines" in stated:
+            stated["lines"] = tuple(map(asdict, scene.ground.lines))
+        if "steps" in stated or "lines" in stated:
+            stated["heading"] = scene.ground.heading
+        tables |= {"ground": stated} if stated else {}
+    return "\n".join([*table_lines(tables), *carried_sensors(scene.sensors)]).strip()
+
+
+def _write_beside(scene: SceneModel, sections: dict[str, Element]) -> None:
+    """Write the loops between members and the sensors of the scene.
+
+    Raises ValueError for a loop on the root of a fixed robot, which is no body.
+    """
     bodies = {body.get("name", ""): body for body in sections["worldbody"].iter("body")}
-    bodies[""] = sections["worldbody"]
+    bodies[""] = bodies[WORLD] = sections["worldbody"]
     for link in dict.fromkeys(end or "" for loop in scene.loops for end in (loop.a, loop.b)):
         if link not in bodies:
             raise ValueError(f"scene: a loop is on {link!r}, which MJCF has no body for: put it on the world, b=None")
         bodies[link].extend(_elements(site_lines(scene.loops, link or None)))
+    for link in dict.fromkeys(inner.link for one in scene.sensors if (inner := measures(one))):
+        if link not in bodies:
+            raise ValueError(f"scene: a sensor is on {link!r}, which MJCF has no body for: put it on another link")
+        bodies[link].extend(_elements(sensor_site_lines(scene.sensors, link)))
+    sections["sensor"].extend(_elements(sensor_lines(scene.sensors)))
     sections["tendon"].extend(_elements(rod_lines(scene.loops)))
     sections["equality"].extend(_elements(loop_lines(scene.loops, lambda loop: _length_at_start(scene, loop))))
 
@@ -165,7 +226,7 @@ def _on_ground(placed: Placed, scene: SceneModel) -> set[str]:
     }
 
 
-def _written(placed: Placed, scene: SceneModel, on_ground: set[str]) -> Written:
+def _written(placed: Placed, scene: SceneModel, on_ground: set[str], fluid: bool) -> Written:
     """Write a model by itself and put it at its place; on_ground: links that touch the ground with their shapes."""
     model = placed.model
     names: list[str] = []
@@ -184,12 +245,13 @@ def _written(placed: Placed, scene: SceneModel, on_ground: set[str]) -> Written:
     model = replace(model, shapes=shapes, contacts=left)
     if placed.gearbox is None:
         model = replace(model, servos={})
-    root, place = _parsed(mjcf_text(model)), _position(placed, scene.ground)
+    text, lost = mjcf_text(model, fluid=fluid, bare=False)
+    root, place = _parsed(text), _position(placed, scene.ground)
     body, beside = _body(root, replace(placed, position=place), model, touching)
     own = {shape.name: shape for shape in shapes}
     for geom in (geom for geom in body.iter("geom") if geom.get("name") in own):
         write_friction(geom, own[geom.attrib["name"]], contact_of(scene))
-    return Written(model, root, touching, body, beside)
+    return Written(model, root, touching, body, lost, beside)
 
 
 def _position(placed: Placed, ground: Ground | None) -> tuple[float, float, float]:
@@ -240,9 +302,7 @@ def _with_friction(shape: Shape, placed: Placed, scene: SceneModel) -> Shape:
     return replace(shape, friction=mu, rolling_friction=rolling or None)
 
 
-def _body(
-    root: Element, placed: Placed, model: Model, touching: tuple[Shape, ...]
-) -> tuple[Element, list[Element]]:
+def _body(root: Element, placed: Placed, model: Model, touching: tuple[Shape, ...]) -> tuple[Element, list[Element]]:
     """Return the model's first body at its place, and what stands beside it in the world.
 
     A floating model's world is that of the scene.  What a fixed model has in the world moves with its place, so a body
@@ -269,7 +329,7 @@ def _body(
     return body, beside
 
 
-def _ground(scene: SceneModel, ground: Ground, sections: dict[str, Element]) -> list[Any]:
+def _ground(scene: SceneModel, ground: Ground, sections: dict[str, Element]) -> list[str]:
     """Write the ground, which gives way as under the heaviest member; return what is left out of it.
 
     Its priority is above that of all shapes: those with a friction of their own there get a <pair>.
@@ -280,7 +340,7 @@ def _ground(scene: SceneModel, ground: Ground, sections: dict[str, Element]) -> 
     floor.attrib.update(contype="0", conaffinity="1", priority=str(1 + max([0, *ranks])))
     sections["worldbody"].append(floor)
     sections["asset"].extend(_parsed("\n".join(["<assets>", *field_lines(ground), "</assets>"])))
-    return [Comment(f" {sentence} ") for sentence in left]
+    return left
 
 
 def _pairs(part: Written, placed: Placed, ground: Ground | None) -> list[Element]:

@@ -38,9 +38,7 @@ JOINT = (
 WHEEL = _known(
     f"{_MOTOR}; ID: value; omni:; tyre: mass radius width centerdist; surface: mu mu2; axis: angle; offset: x y z"
 )
-SENSOR = _known(
-    "ID: value name; pos: x y z; rot_deg: x y z; beam: length angle rays; solid: id; absolute_coords:"
-)
+SENSOR = _known("ID: value name; pos: x y z; rot_deg: x y z; beam: length angle rays; solid: id; absolute_coords:")
 SPOT = SENSOR | {"beam": frozenset({"length", "final_width"})}  # of a floorline
 RAYS = "IR IRSharp sonar capacitive inductive ranger2d"
 FLOOR = "floorline"

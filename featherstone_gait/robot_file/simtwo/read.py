@@ -18,7 +18,8 @@ from ...model.shapes import Shape
 from ..markup import Vector, read_markup
 from ..mjcf.tree import unused
 from ..report import Report
-from ..robot import MASSLESS, Posture, Robot
+from ..robot import MASSLESS, Robot
+from ..settings import Posture
 from .differences import SECTIONS, Differences, merge_repeated
 from .expression import Numbers, constants_of
 from .motors import Parts, parts_of, servo_of, spring_of
@@ -31,6 +32,7 @@ FULL_TURN = 180.0  # [deg] a stop at or beyond it stops nothing
 TYPES = ("Hinge", "Slider", "Universal", "Ball", "Fixed")
 KINDS = SECTIONS["solids"][1].split()
 DAMPED = "left out that SimTwo takes 1e-5 of the velocity and 1e-3 of the turning of solids without <drag> a step"
+
 
 def read_simtwo(
     path: Path, root: Element, base: Base | None, report: Report, robot: Element | None = None, member: str = ""
@@ -300,9 +302,7 @@ def _robot(
             for solid, place in places
         ),
         postures={"scene": Posture(start, {joint.name: _zero(joint) for joint in joints if joint.type != "fixed"})},
-        immersed=tuple(
-            replace(one, xyz=_plus(one.xyz, place)) for solid, place in places for one in solid.immersed
-        ),
+        immersed=tuple(replace(one, xyz=_plus(one.xyz, place)) for solid, place in places for one in solid.immersed),
         rollers={
             solid.link.name: replace(solid.rollers, position=place)
             for solid, place in places

@@ -93,9 +93,7 @@ def solid_of(element: Element, numbers: Numbers, unnamed: str = "", massless: bo
     weightless = float(element.find("nogravity") is not None)
     link = Link(name, mass, NOTHING, inertia_tuple(turned_inertia(rotation_from_rpy(rpy), inertia)), weightless)
     mu = numbers.one(element.find("surface"), "mu", -1.0, f"{what} <surface>")  # SimTwo's "not stated"
-    solid = Solid(
-        link, numbers.xyz(element.find("pos"), f"{what} <pos>"), rpy, geometry, mu if mu >= 0 else None
-    )
+    solid = Solid(link, numbers.xyz(element.find("pos"), f"{what} <pos>"), rpy, geometry, mu if mu >= 0 else None)
     kind = attribute(element, "ID", "kind", "")
     if element.tag == "belt":
         solid = solid._replace(surface=Surface(along_x(rpy), command=BELT_SPEED))
