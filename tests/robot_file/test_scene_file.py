@@ -483,13 +483,27 @@ def test_an_ellipsoid_is_a_hull_whose_error_is_told(tmp_path):
     """Supports of the hull lie within 4.03 % of those of the ellipsoid, on either side."""
     geom = '<geom name="egg" type="ellipsoid" size="0.1 0.2 0.3"/>'
     (tmp_path / "a.xml").write_text(f"<mujoco><worldbody><body><freejoint/>{geom}</body></worldbody></mujoco>")
-    scene = load_scene(tmp_path / "a.xml")
+    with pytest.warns(RobotFileWarning, match=r"ellipsoids as hulls of 32 corners.*'egg' 0\.0121 m"):
+        scene = load_scene(tmp_path / "a.xml")
     (shape,) = scene.members[0].model.shapes
-    assert any("egg" in note and "4%" in note for note in scene.notes)
+    for load in (load_scene, load_robot):
+        with pytest.raises(RobotFileError, match=r"'egg' 0\.0121 m"):
+            load(tmp_path / "a.xml", strict=True)
     u = np.random.default_rng(0).normal(size=(5000, 3))
     ratio = (u @ np.array(shape.geometry.points).T).max(axis=1) / np.linalg.norm(u * [0.1, 0.2, 0.3], axis=1)
     assert 1.0 - 0.0403 < ratio.min() < 0.97
     assert 1.03 < ratio.max() <= 1.0403 + 1e-12
+    error = (ratio - 1.0) * np.linalg.norm(u * [0.1, 0.2, 0.3], axis=1) / np.linalg.norm(u, axis=1)
+    assert 0.01 < np.abs(error).max() < 0.0121
+
+
+def test_an_ellipsoid_that_touches_nothing_or_is_a_ball_is_no_approximation(tmp_path):
+    egg, ball = (f'<geom name="{size[1]}" type="ellipsoid" size="{size}"' for size in (".1 .2 .3", ".2 .2 .2"))
+    inside = f'{egg} contype="0" conaffinity="0"/>{ball}/>'
+    (tmp_path / "a.xml").write_text(f"<mujoco><worldbody><body><freejoint/>{inside}</body></worldbody></mujoco>")
+    assert [shape.geometry for shape in load_robot(tmp_path / "a.xml", strict=True).shapes] == [Sphere(0.2)]
+    scene = load_scene(tmp_path / "a.xml", strict=True)
+    assert [shape.geometry for shape in scene.members[0].model.shapes] == [Sphere(0.2)]
 
 
 def test_saved_links_without_contact_points_touch_the_ground_where_bodies_touch(tmp_path):

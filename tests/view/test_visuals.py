@@ -97,7 +97,7 @@ MJCF = """<mujoco><asset><material name="blue" rgba="0 0 1 0.5"/>
 <worldbody><body name="base"><freejoint/>
 <geom type="box" size="1 2 3" group="2" material="blue"/><geom type="sphere" size="1" group="3"/>
 <geom type="mesh" mesh="wedge" rgba="1 0 0 1" group="1" contype="0" conaffinity="0"/>
-<geom type="ellipsoid" size="1 2 3" mass="0"/></body></worldbody></mujoco>"""
+<geom type="ellipsoid" size="1 2 3" mass="0" contype="0" conaffinity="0"/></body></worldbody></mujoco>"""
 
 
 def test_the_humanoid_is_seen_as_its_boxes_and_a_neck_that_closes_the_gap_under_its_head():

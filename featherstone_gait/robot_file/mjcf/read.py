@@ -26,7 +26,7 @@ from .sizes import check_sizes, documents_of
 from .stated import Stated
 from .tendons import read_tendons, taken
 from .touching import collisions, links_apart, paired_geoms, read_touching
-from .tree import BALL, Tree, names_of, read_shapes, read_tree
+from .tree import BALL, Tree, names_of, read_shapes, read_tree, rounded
 
 NAMELESS = "MuJoCo Model"  # what MuJoCo calls a file without a name
 LINE = re.compile(r"line \d+")  # 0 of what is included
@@ -58,7 +58,15 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
         touching.friction.setdefault(g, None)
     for g in (g for g in [*touching.friction] if names[g] in stated.points()):
         del touching.friction[g]
-    for sentence in (*doubts(m, tree), *other_gravity(m), *other_fluid(m), *actuators.doubts, *touching.doubts):
+    touched = (g for g in touching.friction if tree.holds(m, int(m.geom_bodyid[g])))
+    for sentence in (
+        *doubts(m, tree),
+        *rounded(m, touched, names),
+        *other_gravity(m),
+        *other_fluid(m),
+        *actuators.doubts,
+        *touching.doubts,
+    ):
         report.doubt(sentence)
     report.raise_problems(path)
     shapes, left = read_shapes(m, tree, touching.friction)

@@ -333,7 +333,7 @@ def _solids(
         name = names[g].removeprefix(f"{prefixes.get(int(m.body_rootid[m.geom_bodyid[g]]), '')}{SEPARATOR}")
         shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, name, *numbers, surface, priority)
     for sentence in rounded(m, shapes, names):
-        report.remark(sentence)
+        report.doubt(sentence)
     for kind, geoms in left.items():
         report.doubt(f"ignored geoms {quoted(geoms)} of type {kind}, which no shape is")
     moving = [g for g in shapes if m.body_weldid[m.geom_bodyid[g]]]

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.fixed_order import applied, product
-from ...base.flaws import quoted
 from ...base.rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
 from ...model import Base, HeightField, Joint, Link, Mimic, Surface
 from ...model.links import weakens
@@ -280,8 +279,7 @@ def read_shapes(m: Any, tree: Tree, friction: Mapping[int, float | None]) -> tup
             link, at = tree.bodies[m.geom_bodyid[g]], vector(m.geom_pos[g])
             surface = surface_of(m, g, names[g])
             shapes.append(Shape(link, geometry, at, rpy, names[g], friction[g], *moments_of(m, g), surface))
-    notes = rounded(m, (g for g in friction if tree.holds(m, int(m.geom_bodyid[g]))), names)
-    notes += [f"skipped {silent} geoms that touch no floor"] if silent else []
+    notes = [f"skipped {silent} geoms that touch no floor"] if silent else []
     notes += [f"ignored {count} geoms of type {kind}, which is not supported" for kind, count in left.items()]
     return tuple(shapes), notes
 
@@ -308,7 +306,7 @@ def surface_of(m: Any, g: int, name: str) -> Surface | None:
 def geometry_of(m: Any, g: int) -> Geometry | None:
     """Return the geometry of a geom; None if it is not supported."""
     kind, size = m.geom_type[g], m.geom_size[g].tolist()
-    if kind == SPHERE:
+    if kind == SPHERE or (kind == ELLIPSOID and size[0] == size[1] == size[2]):
         return Sphere(size[0])
     if kind in (CAPSULE, CYLINDER):
         return (Capsule if kind == CAPSULE else Cylinder)(size[0], 2.0 * size[1])
@@ -340,10 +338,16 @@ ROUND = _round()
 
 
 def rounded(m: Any, geoms: Iterable[int], names: list[str]) -> list[str]:
-    """Return what to say of ellipsoids among geoms."""
-    found = [names[g] for g in geoms if m.geom_type[g] == ELLIPSOID]
-    how = f"as hulls of {len(ROUND)} corners, off by up to {ROUNDNESS:.0%} of the radius"
-    return [f"took ellipsoids {quoted(found)} {how}"] if found else []
+    """Return what to say of ellipsoids among geoms that touch something."""
+    found = (g for g in geoms if m.geom_type[g] == ELLIPSOID and isinstance(geometry_of(m, g), Hull))
+    off = sorted(((ROUNDNESS * float(max(m.geom_size[g])), names[g]) for g in found), reverse=True)
+    if not off:
+        return []
+    each = ", ".join(f"{name!r} {x:.3g} m" for x, name in off)
+    remedy = "write spheres, capsules or meshes for what must be closer"
+    return [
+        f"took ellipsoids as hulls of {len(ROUND)} corners, off by up to {ROUNDNESS:.0%} of a radius: {each}; {remedy}"
+    ]
 
 
 def height_field(m: Any, k: int) -> HeightField:
