@@ -223,7 +223,7 @@ def _sole_points(model: Model) -> tuple[tuple[ContactPoint, ...], tuple[str, ...
     if not parts:
         raise ValueError(
             f"{model.name}: contacts='feet', but no link at an end of the robot comes within {FOOT:.0%} of its height "
-            "to the ground at rest: name the links that shall touch it"
+            "to the ground at rest: name the links that shall touch it, or give contacts='all'"
         )
     points = tuple(point for _, part in parts for point in part)
     wide = _least_width(model, points, poses) >= NARROW * height
@@ -319,7 +319,8 @@ def _check_nothing_below(model: Model, poses: Poses, lowest: float, reach: float
         depth = lowest - poses.position[k, 2]
         raise ValueError(
             f"{model.name}: contacts='feet', but link {model.links[k].name!r} lies {depth:.3g} m below the lowest "
-            "collision shape at rest and has none: add one to its feet, or type contact points"
+            "collision shape at rest and has none: give contacts='all', name the links that shall touch the ground, or "
+            "type contact points"
         )
 
 

@@ -16,14 +16,13 @@ from ..core.effects.contact import MOTION, POINT, ROLLER, ROLLING, Contact
 from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, Discs, Spheres
 from ..dynamics import deepest_points
+from ..geometry.contact_choice import with_contacts
 from ..model import Ground, HeightField, Model
 from ..model.numpy_dynamics import link_poses, mass_center, zero_position
 from ..model.rest_posture import standing_keyframe
 from .records import fill, records
 from .surface import build_surfaces, drives_of
 from .tree import Tree
-
-CONTACTS = "add contacts to its TOML, or load it with contacts='feet' to take its collision shapes"
 
 
 def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.ndarray) -> Contact | None:
@@ -34,7 +33,7 @@ def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.n
     if ground is None:
         return None
     if not model.contacts:
-        raise ValueError(f"{model.name}: ground without contact points; {CONTACTS}, or ground=None")
+        raise ValueError(f"{model.name}: ground without contact points; {_remedy(model)}, or give ground=None")
     g = math.sqrt(dot(gravity, gravity))
     if not dot(plane_axes(ground)[0], gravity) < 0:
         raise ValueError(
@@ -47,6 +46,17 @@ def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.n
         points, under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground), _surfaces(model, tree),
         _rolling(model, tree, points),
     )  # fmt: skip
+
+
+def _remedy(model: Model) -> str:
+    """Say how a robot gets contact points: by a choice of its shapes that can be made."""
+    for choice in ("feet", "all"):
+        try:
+            with_contacts(model, choice)
+        except (ValueError, ImportError):
+            continue
+        return f"load it with contacts={choice!r} to take its collision shapes, or add contacts to its TOML"
+    return "add contacts to its TOML, or collision shapes to its file"
 
 
 def _motion(ground: Ground) -> np.recarray | None:

@@ -6,6 +6,7 @@ import random
 import re
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,14 +31,16 @@ from featherstone_gait import (
     Wrap,
     body,
     compile_scene,
+    initial_state,
     inverse_dynamics,
     load_robot,
     load_scene,
     load_servo,
     mass_matrix,
     save_scene,
+    simulate,
 )
-from featherstone_gait.base.rotation import rotation_from_quaternion
+from featherstone_gait.base.rotation import rotation_from_quaternion, rotation_from_rpy
 from featherstone_gait.model.shapes import Sphere
 
 mujoco = pytest.importorskip("mujoco")
@@ -715,3 +718,78 @@ def test_published_scenes_move_as_in_mujoco(tmp_path):
         again = quiet(tmp_path / "saved.xml")
         assert_alike(scene, again)
         assert_moves_as_in_mujoco(tmp_path / "saved.xml", again)
+
+
+# ------------------------------------------------------------------------------------------------ planes and remedies
+
+
+WALLS = """<mujoco><worldbody><geom name="floor" type="plane" size="0 0 1"/>
+<geom name="wall" type="plane" size="0 0 1" pos="1 0 0" zaxis="-1 0 0"/>
+<body name="hall" pos="0 0 2" euler="0 30 0"><geom name="roof" type="plane" size="1 1 1" pos="0.1 0.2 0.3"/></body>
+<body name="ball" pos="0.5 0 0.1"><freejoint/><geom size="0.1" mass="1"/></body></worldbody></mujoco>"""
+
+
+def test_planes_beside_the_ground_are_boxes_with_a_warning_that_names_them(tmp_path):
+    path = written(tmp_path, WALLS)
+    with pytest.warns(RobotFileWarning, match="took planes 'wall', 'roof', which are not the ground, as boxes"):
+        scene = load_scene(path)
+    with pytest.raises(RobotFileError, match="write boxes"):
+        load_scene(path, strict=True)
+    assert scene.ground is not None
+    m = in_mujoco(path)
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    assert len(scene.obstacles) == 2
+    for placed in scene.obstacles:
+        (shape,) = placed.model.shapes
+        turn = rotation_from_quaternion(np.array(placed.orientation))
+        face = np.array(shape.xyz) + rotation_from_rpy(shape.rpy) @ (0.0, 0.0, 0.5 * shape.geometry.size[2])
+        g = m.geom(shape.name).id
+        np.testing.assert_allclose(turn @ face + placed.position, d.geom_xpos[g], atol=1e-12)
+        np.testing.assert_allclose(turn @ rotation_from_rpy(shape.rpy), d.geom_xmat[g].reshape(3, 3), atol=1e-12)
+
+
+@pytest.mark.long
+def test_a_ball_does_not_pass_a_wall_that_is_a_plane(tmp_path):
+    scene = compile_scene(quiet(written(tmp_path, re.sub('<body name="hall".*?</body>', "", WALLS))), pairs="all")
+    run = simulate(scene, 0.4, initial_state(scene, qd={"ball": [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]}))
+    assert run.ok
+    assert 0.9 < run["base_q"][:, 0].max() < 0.905
+
+
+@pytest.mark.parametrize(
+    ("inside", "says"),
+    [
+        ("", "it is empty"),
+        ('<geom type="plane" size="1 1 1"/><geom size="0.1"/>', "its 2 geoms are ground and obstacles alone"),
+        ('<body><geom size="0.1"/></body>', "its 1 geoms are"),
+    ],
+)
+def test_a_world_in_which_nothing_moves_is_refused_with_a_remedy_that_works(tmp_path, inside, says):
+    path = written(tmp_path, f"<mujoco><worldbody>{inside}</worldbody></mujoco>")
+    with pytest.raises(RobotFileError, match=f"nothing in the file can move, {says}.*freejoint") as refused:
+        load_scene(path)
+    (remedy,) = re.findall("<body>.*</body>", str(refused.value))
+    assert len(load_scene(written(tmp_path, f"<mujoco><worldbody>{inside}{remedy}</worldbody></mujoco>")).members) == 1
+
+
+SLIDE = """<mujoco><worldbody><geom type="plane" size="5 5 1"/>
+<body pos="0 0 0.5"><joint type="slide" axis="0 0 1"/><geom size="0.1" mass="1"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("text", [SLIDE, SLIDE.replace('<joint type="slide" axis="0 0 1"/>', "<freejoint/>")])
+def test_the_remedy_for_missing_contact_points_works(tmp_path, text):
+    model = load_robot(written(tmp_path, text))
+    with pytest.raises(ValueError, match="without contact points") as refused:
+        compile_scene(model, ground=Ground())
+    (choice,) = re.findall("contacts='([a-z]+)'", str(refused.value))
+    assert compile_scene(load_robot(tmp_path / "scene.xml", contacts=choice), ground=Ground())
+    assert compile_scene(model, ground=None)
+    with pytest.raises(ValueError, match="or collision shapes to its file"):
+        compile_scene(replace(model, shapes=()), ground=Ground())
+
+
+def test_the_remedy_for_feet_that_are_not_found_works(tmp_path):
+    with pytest.raises(RobotFileError, match="give contacts='all'"):
+        load_robot(written(tmp_path, SLIDE), contacts="feet")
+    assert len(load_robot(tmp_path / "scene.xml", contacts="all").contacts) == 1

@@ -24,7 +24,7 @@ from ...model.pair_contact import GROUND, NONE, PairContact, PairWord
 from ...model.pair_friction import PairFriction
 from ...model.placed import SEPARATOR, link_name
 from ...model.sensor import Sensor
-from ...model.shapes import Shape
+from ...model.shapes import Box, Shape
 from ..report import Report
 from ..robot import Robot
 from ..settings import Settings
@@ -71,6 +71,7 @@ from .tree import (
 NO_CONTACT = 1 << 4  # mjtDisableBit, of <flag>
 ONE_CONTACT = 1 << 0  # mjtEnableBit
 OBSTACLE = "body"  # the one link of an obstacle
+WALL = 10.0  # thickness and half the width of a plane that is an obstacle [m]
 STEEP = 1e-6  # cosine of the tilt of a plane that is a wall
 
 
@@ -285,6 +286,7 @@ def _obstacle(m: Any, top: int, name: str, geoms: list[int], solids: Solids, tex
             turn = rotation_from_quaternion(m.body_quat[b])
             E, r, b = product(turn, E), m.body_pos[b] + applied(turn, r), int(m.body_parentid[b])
         r, E = (r, E) if top else (np.zeros(3), np.eye(3))
+        r = r - 0.5 * WALL * E[:, 2] if m.geom_type[g] == PLANE else r
         surface = shape.surface and _in_frame(m, g, shape.surface, E, r)
         shapes.append(replace(shape, link=OBSTACLE, xyz=vector(r), rpy=rpy_from_rotation(E), surface=surface))
     position, quaternion = (m.body_pos[top], m.body_quat[top]) if top else (m.geom_pos[geoms[0]], m.geom_quat[geoms[0]])
@@ -320,10 +322,15 @@ def _solids(
     names = names_of(m, "geom", m.ngeom)
     shapes: dict[int, Shape] = {}
     left: dict[str, list[str]] = {}
+    walls: list[str] = []
     for g in range(m.ngeom):
         if g == floor or names[g] in points or not (m.geom_contype[g] or m.geom_conaffinity[g] or g in alone):
             continue
-        geometry = geometry_of(m, g)
+        geometry, at = geometry_of(m, g), m.geom_pos[g]
+        if m.geom_type[g] == PLANE:
+            walls.append(names[g])
+            geometry = Box((2.0 * WALL, 2.0 * WALL, WALL))
+            at = at - 0.5 * WALL * rotation_from_quaternion(m.geom_quat[g])[:, 2]
         if geometry is None:
             left.setdefault(GEOMS[m.geom_type[g]], []).append(names[g])
             continue
@@ -331,9 +338,14 @@ def _solids(
         numbers, priority = friction_of(m, g, own)
         surface = surface_of(m, g, names[g])
         name = names[g].removeprefix(f"{prefixes.get(int(m.body_rootid[m.geom_bodyid[g]]), '')}{SEPARATOR}")
-        shapes[g] = Shape(OBSTACLE, geometry, vector(m.geom_pos[g]), rpy, name, *numbers, surface, priority)
+        shapes[g] = Shape(OBSTACLE, geometry, vector(at), rpy, name, *numbers, surface, priority)
     for sentence in rounded(m, shapes, names):
         report.doubt(sentence)
+    if walls:
+        report.doubt(
+            f"took planes {quoted(walls)}, which are not the ground, as boxes of {2 * WALL:g} x {2 * WALL:g} x "
+            f"{WALL:g} m behind them, since a scene has one plane: write boxes of the size that is needed"
+        )
     for kind, geoms in left.items():
         report.doubt(f"ignored geoms {quoted(geoms)} of type {kind}, which no shape is")
     moving = [g for g in shapes if m.body_weldid[m.geom_bodyid[g]]]
@@ -370,8 +382,6 @@ def _floor(m: Any, report: Report, own: bool) -> int | None:
             f"left out the ground: gravity {gravity_of(m)} m/s^2 presses nothing on it; touching is not simulated"
         )
         return None
-    if good and any(g != good[0] and m.geom_type[g] == PLANE for g in touched):  # other fields are obstacles
-        report.doubt(f"took geom {names_of(m, 'geom', m.ngeom)[good[0]]!r} as the ground: a scene has one")
     return good[0] if good else None
 
 
