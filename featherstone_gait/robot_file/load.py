@@ -18,6 +18,7 @@ from ..model.links import Leader, leader_of
 from ..model.rest_posture import nearest_positions
 from ..model.shapes import Shape
 from ..model.tree_checks import check_locked
+from .closed import open_loops
 from .collision import MeshFinder
 from .markup import read_markup
 from .mjcf.read import read_mjcf
@@ -116,6 +117,9 @@ def load_robot(
             names, given = (link.name for link in robot.links), None if srdf is None else Path(srdf)
             robot = robot._replace(excluded=read_excluded(path, given, names, report))
     settings = robot.stated.under(_settings(path, robot, report))
+    if markup.root.tag == "robot" and not (robot.loops or settings.loops):
+        for sentence in open_loops(path, robot):
+            report.doubt(sentence)
     held = {**robot.held, **_held(path, robot, locked, settings, report)}
     joints, held = resolve_couplings(robot.joints, held, mimic, report)
     if base is None:
