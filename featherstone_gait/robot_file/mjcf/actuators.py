@@ -48,6 +48,7 @@ LEFT_OUT = "ignored actuators that are neither on one joint nor on a tendon that
 TAKEN_ALREADY = "ignored actuators on a joint or tendon that has one already"
 OWN_LENGTH = "took the tendon's length as the reference of actuators on tendons whose control is scaled"
 OWN_FORCE = "took actuators on tendons as drives without Kp, whose forces (gear gain control) are those of tau"
+FREE_FORCE = "ignored the ctrlrange of actuators on tendons, for forces of tau"
 RANGED = (
     "ignored the ctrlrange of actuators, since references have no limits: keep references [rad or m] where MuJoCo "
     "clamps them: "
@@ -84,6 +85,7 @@ class _Row(NamedTuple):
     controls: tuple[float, float]  # range in which MuJoCo keeps the control
     control: float  # most of it, either way
     force: float  # most of the force, either way
+    forces: tuple[float, float]  # range in which MuJoCo keeps the force
     uneven: tuple[bool, bool]  # whether the limits of control and force differ between the two ways
     armature: float
     damping: float
@@ -141,11 +143,10 @@ def read_actuators(
     for name, effort in efforts.items():
         by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
     ranges = [f"{one.removeprefix(RANGED)} of {quoted(names)}" for one, names in left.items() if one.startswith(RANGED)]
-    forces = left.pop(OWN_FORCE, [])
+    remarks = [f"{one}: {quoted(left.pop(one))}" for one in (OWN_FORCE, FREE_FORCE) if one in left]
     doubts = [f"{reason}: {quoted(names)}" for reason, names in left.items() if not reason.startswith(RANGED)]
     doubts += [f"{RANGED}{'; '.join(ranges)}"] if ranges else []
     torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
-    remarks = [f"{OWN_FORCE}: {quoted(forces)}"] if forces else []
     if len(torques) not in (0, len(servos)):
         remarks.append(
             f"servos of joints {quoted(torques)} have a torque law, the others are sampled; compile_scene takes one "
@@ -194,6 +195,7 @@ def _row(m: Any, k: int, gear: float) -> _Row:
         controls=(float(controls[0]), float(controls[1])),
         control=float(np.abs(controls).max()),
         force=float(np.abs(forces).max()),
+        forces=(float(forces[0]), float(forces[1])),
         uneven=(bool(controls[0] != -controls[1]), bool(forces[0] != -forces[1])),
         armature=float(m.actuator_armature[k]) if hasattr(m, "actuator_armature") else 0.0,
         damping=float(m.actuator_damping[k]) if hasattr(m, "actuator_damping") else 0.0,
@@ -226,7 +228,8 @@ def _motor(row: _Row) -> _Read:
     """Return the largest torque of a motor on its joint."""
     g, gain = abs(row.gear), abs(row.gain[0])
     most = min(gain * row.control if gain else 0.0, row.force)
-    uneven = (row.uneven[0] and gain * row.control <= row.force) or (row.uneven[1] and row.force <= gain * row.control)
+    low, high = (gain * u if gain else 0.0 for u in row.controls)
+    uneven = max(low, row.forces[0]) != -min(high, row.forces[1])
     reasons = ("took the larger limit of motors either way, for a joint has one effort",) * uneven
     return _Read(effort=g * most if g else 0.0, reasons=(*reasons, *row.more))
 
@@ -258,6 +261,7 @@ def _tendon_drive(row: _Row) -> tuple[Controller | None, tuple[str, ...]]:
     found = {
         "took activations of actuators as being at once, though they are filtered": row.kind[0] != NO_DYNAMICS,
         "ignored the forcerange of actuators on tendons, for forces of tau": not Kp and row.force < math.inf,
+        FREE_FORCE: not Kp and row.control < math.inf,
         "took the larger end of forcerange of actuators either way": row.uneven[1],
         OWN_FORCE: not Kp,
     }

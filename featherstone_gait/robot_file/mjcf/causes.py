@@ -21,6 +21,7 @@ from .tree import (
     Tree,
     damping_powers,
     moving_trees,
+    names_of,
     stiffness_powers,
     vector,
 )
@@ -28,7 +29,8 @@ from .tree import (
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
 NO_CONSTRAINTS = 1 << 0
-NO_GRAVITY = 1 << 7
+NO_CONTACTS, NO_GRAVITY, NO_FILTER = 1 << 4, 1 << 7, 1 << 10
+SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's defaults
 
 
 def refusals(m: Any, names: Tree) -> Iterator[str]:
@@ -63,6 +65,31 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     if uneven:
         yield f"took the larger end of actuatorfrcrange of joints {quoted(uneven)} either way: effort has one number"
     yield from _gravity_compensation(m, tree)
+    yield from _contacts(m, tree)
+
+
+def _contacts(m: Any, tree: Tree) -> Iterator[str]:
+    """Yield what of contacts is unknown here, whatever touches."""
+    names = names_of(m, "geom", m.ngeom)
+    sticky = np.flatnonzero(getattr(m, "geom_adhesion", np.zeros(m.ngeom)))
+    pairs = np.flatnonzero(getattr(m, "pair_adhesion", np.zeros(m.npair)))
+    found = {int(g) for k in pairs for g in (m.pair_geom1[k], m.pair_geom2[k])} | {int(g) for g in sticky}
+    if found:
+        yield f"ignored the adhesion of geoms {quoted(names[g] for g in sorted(found))}: contacts do not pull"
+    if m.opt.disableflags & NO_FILTER:
+        yield "ignored the <flag> that lets neighbors touch: links that a joint connects never do"
+
+
+def _slack_joints(m: Any, tree: Tree) -> Iterator[str]:
+    """Yield what joints state of how their limits and friction give way."""
+    found = []
+    for j in range(m.njnt):
+        dof = int(m.jnt_dofadr[j])
+        stated = ((m.jnt_solref[j], m.jnt_solimp[j], m.jnt_limited[j]), (m.dof_solref[dof], m.dof_solimp[dof], True))
+        soft = any(acts and [*ref, *imp] != [*SOLREF, *SOLIMP] for ref, imp, acts in stated)
+        found += [tree.joint_names[j]] if soft or (m.jnt_limited[j] and m.jnt_margin[j]) else []
+    if found:
+        yield f"took limits and friction of joints {quoted(found)}, and not how they give way (margin, solref, solimp)"
 
 
 def _nonlinear(m: Any, tree: Tree) -> Iterator[str]:
@@ -169,6 +196,9 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
     if equalities.couplings(m):
         yield "took the equalities of joints as exact; MuJoCo's give way"
     yield from loops.loop_notes(m, tree)
+    yield from _slack_joints(m, tree)
+    if m.opt.disableflags & NO_CONTACTS and not tree.several:
+        yield "a <flag> switches contacts off in the file: ground is an argument of compile_scene"
     held = equalities.held_joints(m)
     if held:
         yield f"held joints {quoted([tree.joint_names[j] for j in held])} where equalities put them"

@@ -144,7 +144,7 @@ def slack_notes(m: Any, geoms: Iterable[int]) -> Iterator[str]:
     if found:
         yield (
             f"took the friction of geoms {quoted(names[g] for g in sorted(found))}, and not how they give way (solref, "
-            "solimp): between bodies that follows from PairContact"
+            "solimp): that follows from PairContact and Ground"
         )
 
 

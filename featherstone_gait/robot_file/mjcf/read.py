@@ -20,6 +20,7 @@ from .actuators import Actuators, read_actuators
 from .causes import doubts, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
 from .fluids import other_fluid, read_immersed
+from .frictions import slack_notes
 from .loops import equality_names, read_loops
 from .sensors import read_sensors
 from .sizes import check_sizes, documents_of
@@ -71,7 +72,9 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     report.raise_problems(path)
     shapes, left = read_shapes(m, tree, touching.friction)
     sensors, said = read_sensors(m, lambda b: tree.bodies[b] if tree.holds(m, b) and (b or tree.root == 0) else None)
-    for sentence in (*notes(m, tree), *said, *left, *touching.remarks, *actuators.remarks, *remarks):
+    ground = [int(g) for pair in zip(m.pair_geom1, m.pair_geom2) for g in pair if m.geom_bodyid[g] == 0]
+    slack = slack_notes(m, [*touching.friction, *ground])
+    for sentence in (*notes(m, tree), *slack, *said, *left, *touching.remarks, *actuators.remarks, *remarks):
         report.remark(sentence)
     geoms = [g for g in touching.friction if tree.holds(m, int(m.geom_bodyid[g]))]
     meeting = collisions(m, geoms, paired_geoms(m), stated.is_there)

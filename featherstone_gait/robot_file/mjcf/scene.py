@@ -180,7 +180,7 @@ def _frictions(
     low = [*solids.friction, *([] if floor is None else [floor])]
     for sentence in friction_doubts(m, [*bodies, *low]):
         report.doubt(sentence)
-    for sentence in slack_notes(m, bodies):
+    for sentence in slack_notes(m, [*bodies, *low]):
         report.remark(sentence)
     names = {g: link_name(owners[g], shape.name) for g, shape in solids.shapes.items()}
     return tuple(pair_frictions(m, solids.shapes, solids.collide, names))
