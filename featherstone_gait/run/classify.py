@@ -13,10 +13,11 @@ from ..core.effects.stop import explicit_limit
 from ..core.integrate.adaptive import PROGRESS, STALLED
 from ..core.step import pace
 from ..core.step.context import Plan
-from ..dynamics import center_of_mass
+from ..dynamics import center_of_mass, deepest_points
 from ..model import Model
+from ..model.numpy_dynamics import link_poses
 from ..scene.compile import CompiledScene
-from ..scene.contact import over_ground
+from ..scene.contact import by_body, over_ground, plane_axes
 from ..scene.forest import shares
 from .compiled_run import CompiledRun
 from .prepare import least_step
@@ -114,6 +115,8 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
             f"{name}: at {end:.4g} s more pairs are near than the {slots} points of the pool hold{_crowded(scene, y)}; "
             "give it more, pairs=PairContact(..., max_points=N), or choose fewer pairs"
         )
+    if status is Status.TOO_DEEP:
+        message = f"{name}: {_sunk(scene, y)} at {end:.4g} s"
     if status is Status.TOO_COSTLY:
         taken, rejected = y[slice(*scene.part("step_control"))][[pace.STEPS, pace.REJECTED]]
         limit, by = scene.preflight.worst, "discontinuities or fast motion limit them"
@@ -151,6 +154,29 @@ def _crowded(scene: CompiledScene, y: np.ndarray) -> str:
     of_link = Counter(link for row in owners[owners > 0] - 1 for link in scene.pairs[row])
     link, count = max(of_link.items(), key=lambda item: item[1], default=("", 0))
     return f", {count} of which {link!r} has" if count else ""
+
+
+def _sunk(scene: CompiledScene, y: np.ndarray) -> str:
+    """Return a sentence on the deepest contact of a state, by how deep it may be: between bodies, or on the ground."""
+    found, pairs, contact = list[tuple[float, float, str]](), scene.touching.table, scene.constants.contact
+    if pairs is not None:
+        rows, gaps = (y[slice(*scene.part(name))] for name in ("pair", "pair_gap"))
+        for row, gap in zip(rows[rows > 0].astype(int) - 1, gaps[rows > 0]):
+            most = float(pairs.pairs.deepest[row])
+            found.append((-gap / most, most, " and ".join(map(repr, scene.pairs[row]))))
+    if contact is not None:
+        alone = [(one.scene, scene.state_of(one.name, y), f"{one.name}/") for one in scene.members]
+        for of, own, name in alone or [(scene, y, "")]:
+            if of.constants.contact is not None and of.ground is not None:
+                poses, order = link_poses(of.model, positions_in(of, own)), by_body(of.model, of.tree)
+                at = deepest_points(of.model, poses, plane_axes(of.ground)[0])
+                depths = -over_ground(of.ground, at)[order]
+                limits = of.constants.contact.points.deepest
+                k = int((depths / limits).argmax())
+                link = name + of.model.contacts[order[k]].link
+                found.append((float(depths[k] / limits[k]), float(limits[k]), f"{link!r} and 'ground'"))
+    _, most, names = max(found, default=(0.0, 0.0, "bodies"))
+    return f"{names} are in each other by more than {most:.3g} m: half of the thinner one, or two depths at rest"
 
 
 def _who_fell(scene: CompiledScene, y: np.ndarray) -> str:

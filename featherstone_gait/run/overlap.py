@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from ..base.arguments import instance
 from ..base.fixed_order import applied, product, total
 from ..core.effects.pair import Pairs
-from ..core.tree.distance import FIELD, Room, Shapes, pair_distances
+from ..core.tree.distance import FIELD, Room, pair_distances
 from ..scene.compile import CompiledScene
+from ..scene.contact import half_thickness
 from ..scene.pairs import body_poses
 from .start import checked_state, initial_state, positions_in
 from .trajectory import Trajectory
@@ -65,7 +66,7 @@ def tell_overlaps(scene: CompiledScene, y: np.ndarray) -> None:
     pairs = scene.touching.table
     if pairs is None or y[scene.layout["end_time"]] > 0:  # the run goes on
         return
-    half = _half_sizes(pairs.shapes)
+    half = half_thickness(pairs.shapes)
     most = np.minimum(half[pairs.pairs.a], half[pairs.pairs.b])
     depth = _depths(scene, pairs, y, np.minimum(most, AT_REST * pairs.margin))
     lost = depth > most
@@ -124,14 +125,3 @@ def _depths_of_boxes(table: np.recarray, rotation: np.ndarray, both: np.ndarray,
     half = table.extent[both][:, :, None]
     reach = [total(abs(product(normals, axes[:, k].transpose(0, 2, 1))) * half[:, k]) for k in (0, 1)]
     return (reach[0] + reach[1] - abs(applied(normals, apart))).min(axis=1)
-
-
-def _half_sizes(shapes: Shapes) -> np.ndarray:
-    """Return half of the least extent of each shape along its axes (n,) [m]."""
-    found = np.full(len(shapes.table), np.inf)
-    for k, row in enumerate(shapes.table):
-        half = row.half + row.disc * np.array([1.0, 1.0, 0.0])
-        if row.corners > 0:
-            half = 0.5 * np.ptp(shapes.corners[row.first : row.first + row.corners], axis=0)
-        found[k] = row.radius + half.min()
-    return found

@@ -6,6 +6,7 @@ from enum import StrEnum
 
 from ..core.effects.pair import FULL
 from ..core.integrate import rollout
+from ..core.step.depth import TOO_DEEP
 
 
 class Status(StrEnum):
@@ -33,6 +34,8 @@ class Status(StrEnum):
         "too costly": error control took as many steps as it may, and the run ended there.
     TOO_MANY_CONTACTS
         "too many contacts": more pairs came near than the pool has slots for, and the run ended there.
+    TOO_DEEP
+        "too deep": a body sank into another or the ground by more than half of its thickness, and the run ended there.
     """
 
     OK = "ok"
@@ -44,12 +47,13 @@ class Status(StrEnum):
     INACCURATE = "inaccurate"
     TOO_COSTLY = "too costly"
     TOO_MANY_CONTACTS = "too many contacts"
+    TOO_DEEP = "too deep"
 
     @property
     def complete(self) -> bool:
         """Return whether the run came to its end."""
-        ended = (Status.FELL, Status.DIVERGED, Status.STEP_TOO_SMALL, Status.TOO_COSTLY, Status.TOO_MANY_CONTACTS)
-        return self not in ended
+        went_on = (Status.OK, Status.CHATTER, Status.NOT_CONVERGED, Status.INACCURATE)
+        return self in went_on
 
     @property
     def remedy(self) -> str:
@@ -67,6 +71,7 @@ REMEDIES = {
     Status.INACCURATE: "give a smaller timestep or rtol; if that does not help, the motion is chaotic",
     Status.TOO_COSTLY: "raise rtol, or use implicit_euler or midpoint at a fixed step",
     Status.TOO_MANY_CONTACTS: "allow more: compile_scene(pairs=PairContact(max_points=...)), or choose fewer pairs",
+    Status.TOO_DEEP: "give contacts a smaller penetration (PairContact, Ground), or the load that they have to bear",
 }
 OF_CODE = {  # status of a state, as the kernels write it
     rollout.OK: Status.OK,
@@ -75,4 +80,5 @@ OF_CODE = {  # status of a state, as the kernels write it
     rollout.TOO_SMALL: Status.STEP_TOO_SMALL,
     rollout.TOO_COSTLY: Status.TOO_COSTLY,
     int(FULL): Status.TOO_MANY_CONTACTS,
+    int(TOO_DEEP): Status.TOO_DEEP,
 }

@@ -43,6 +43,8 @@ class Trajectory(Mapping[str, np.ndarray]):
         - "step too small": error control asked for a step below its minimum, and the run ended there.
         - "too costly": error control reached its maximal number of steps, and the run ended there.
         - "too many contacts": more pairs were near each other than have room, and the run ended there.
+        - "too deep": a body sank into another or the ground by more than half of the thinner one, and the run
+          ended there.
     message : str
         What happened, where and when; empty for a run that is "ok".
     end_time : float

@@ -29,7 +29,7 @@ from ..model.sensor import RESERVED, WORLD, SampledSensor, Sensor
 from ..model.tendon import ball_limit, spring_tendon
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import StateView
-from .contact import build_contact, standing_posture
+from .contact import bearing, build_contact, standing_posture
 from .external import Push, build_lifts, build_pushes
 from .firmware import build_firmware, build_supply
 from .fluid import build_fluid, build_propellers
@@ -558,8 +558,11 @@ def _compile_members(
     loops = _loops(joined_loops(members, tree, options.loops), tree)
     pairs = no_pairs(tree) if touching.table is None and options.loops else touching.table  # joined trees are an island
     commands = joined_commands([*(one.placed for one in members), *obstacles])
-    constants = joined_constants(members, tree)._replace(pairs=pairs, loops=loops, surfaces=commands)
-    check = joined_preflight(members, first._replace(timestep=step, named=given.integrator is not None))
+    constants = joined_constants(members, tree)
+    contact = bearing(constants.contact, touching.loads, tree.trees)
+    constants = constants._replace(contact=contact, pairs=pairs, loops=loops, surfaces=commands)
+    first = first._replace(timestep=step, named=given.integrator is not None)
+    check = joined_preflight(members, first, touching.loads)
     check = limited(check, touching, tree)
     if given.integrator != options.integrator:
         check = check._replace(reason=implicit_reason(check))

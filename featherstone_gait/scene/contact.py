@@ -15,14 +15,19 @@ from ..base.rotation import dot, rotation_from_quaternion
 from ..core.effects.contact import MOTION, POINT, ROLLER, ROLLING, Contact
 from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, Discs, Spheres
+from ..core.tree.distance import HALF_SPACE, Shapes
 from ..dynamics import deepest_points
 from ..geometry.contact_choice import with_contacts
+from ..geometry.distance import shape_tables
 from ..model import Ground, HeightField, Model
+from ..model.ground import ContactPoint
 from ..model.numpy_dynamics import link_poses, mass_center, zero_position
 from ..model.rest_posture import standing_keyframe
 from .records import fill, records
 from .surface import build_surfaces, drives_of
 from .tree import Tree
+
+TWO_DEPTHS = 2.0  # of resting, which are no sinking in, however thin a body is
 
 
 def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.ndarray) -> Contact | None:
@@ -124,7 +129,44 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
     table.stiffness, table.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.penetration)
     table.tangential_stiffness = k
     table.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
+    table.deepest = np.maximum(_half_sizes(model, contacts), TWO_DEPTHS * ground.penetration)
     return table
+
+
+def _half_sizes(model: Model, contacts: Sequence[ContactPoint]) -> list[float]:
+    """Return how deep each contact point may be until its link is half in the ground [m].
+
+    It is half the thickness of the link's thickest shape; of a link without, its round contact's radius, or how far
+    the point is from the center of mass.
+    """
+    half, found = half_thickness(shape_tables(model.shapes, [0] * len(model.shapes))), list[float]()
+    links = {link.name: link for link in model.links}
+    for point in contacts:
+        own = [float(size) for size, shape in zip(half, model.shapes) if shape.link == point.link]
+        arm = np.array(point.position) - np.array(links[point.link].center_of_mass)
+        found.append(max(own) if own else max(point.radius + point.circle_radius, math.sqrt(dot(arm, arm))))
+    return found
+
+
+def half_thickness(shapes: Shapes) -> np.ndarray:
+    """Return half of the least extent of each shape along its axes (shapes,) [m]; inf of half spaces and fields."""
+    return np.where(shapes.table.kind >= HALF_SPACE, math.inf, shapes.table.extent.min(axis=1, initial=math.inf))
+
+
+def bearing(contact: Contact | None, loads: np.ndarray | None, trees: np.recarray | None) -> Contact | None:
+    """Return contact points as stiff as what lies on their trees asks for; loads (trees,): by the tree's own mass.
+
+    They are damped along the ground by their own mass.
+    """
+    if contact is None or loads is None or trees is None:
+        return contact
+    more = loads[np.searchsorted(trees.end, contact.points.body, side="right")]
+    tables = [contact.points.copy(), *([] if contact.rolling is None else [contact.rolling.copy()])]
+    tables[0].stiffness *= more
+    for table in tables:
+        table.tangential_stiffness *= more
+        table.tangential_damping *= np.sqrt(more)
+    return contact._replace(points=tables[0], rolling=tables[1] if len(tables) > 1 else None)
 
 
 def by_body(model: Model, tree: Tree) -> list[int]:

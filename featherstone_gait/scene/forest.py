@@ -33,7 +33,7 @@ from .actuator import Actuator, passive
 from .channels import Share, owned
 from .fluid import joined_fluid, joined_propellers
 from .friction import Friction
-from .preflight import Preflight
+from .preflight import SPRING, Preflight
 from .records import records
 from .tendon import number_drives
 from .tree import Tree
@@ -484,16 +484,20 @@ def _supply(members: Sequence[Member]) -> Any:
     return fed[0].scene.constants.supply
 
 
-def joined_preflight(members: Sequence[Member], first: Preflight) -> Preflight:
-    """Return the limits of all members; first: that of the member which decides integrator and step."""
-    checks = [member.scene.preflight for member in members]
+def joined_preflight(members: Sequence[Member], first: Preflight, loads: np.ndarray | None) -> Preflight:
+    """Return the limits of all members; first: that of the member which decides integrator and step.
+
+    loads (members,): mass that the ground bears under each, by its own; None: their own alone.
+    """
+    checks, loads = [member.scene.preflight for member in members], np.ones(len(members)) if loads is None else loads
     limits = [
-        limit._replace(joint=named(member, limit.joint))
-        for member, check in zip(members, checks)
+        limit._replace(joint=named(member, limit.joint), step=limit.step / (root if limit.cause == SPRING else 1.0))
+        for member, check, root in zip(members, checks, np.sqrt(loads).tolist())
         for limit in check.limits
     ]
     names = [name for name in Preflight._fields if name.endswith("_step")]
-    steps: dict[str, Any] = {name: min(getattr(check, name) for check in checks) for name in names}
+    on_ground = min((limit.step for limit in limits if limit.cause == SPRING), default=math.inf)
+    steps: dict[str, Any] = {name: min(on_ground, *(getattr(check, name) for check in checks)) for name in names}
     inertias = tuple(inertia for check in checks for inertia in check.inertias)
     return first._replace(limits=tuple(limits), inertias=inertias, **steps)
 

@@ -9,6 +9,9 @@ without contact points touch the ground with their shapes.
 penetration), and Hunt and Crossley's damping d = 2 zeta / sqrt(g penetration), as points on the ground have (see
 contact.py).  m is the stated load, else all that may come to rest on the pair: the mass of its trees and of all that
 these can touch directly or through others, without roots that are fixed.  N is 1 for spheres, 2 for capsules, 4 else.
+The ground bears each tree by its own mass and that of all that may lie on it where all start: of what is near it and
+ends higher below, directly or through others; of a tree on which something lies, the stated load.  Of two bodies that
+bear others there, and of which one is thin, the penetration is a tenth of its thickness.
 The tangential damping is that of the reduced mass of the two.  The coefficients of friction are those that the scene
 states of the two shapes, else follow from theirs (see model/pair_friction.py).  On the ground a shape has the numbers
 that a point of its link would have, for the weight of its own tree.
@@ -36,10 +39,10 @@ from ..model.pair_friction import Frictions, PairFriction, shape_names
 from ..model.placed import SEPARATOR, Placed, link_name
 from ..model.rest_posture import nearest_posture, standing_keyframe
 from ..model.shapes import Box, Capsule, Mesh, Shape, Sphere
-from .contact import plane_axes, standing_height
+from .contact import TWO_DEPTHS, half_thickness, plane_axes, standing_height
 from .forest import Member, named, shifts
 from .options import SceneOptions
-from .preflight import Limit, Preflight
+from .preflight import SPRING, Limit, Preflight
 from .records import records
 from .surface import build_surfaces, drives_of
 from .tree import GRAVITY, Tree
@@ -52,6 +55,8 @@ CARRYING = 4  # of the points of two shapes, at most
 LIGHTEST = 1e-300  # [kg]
 LEAST_POINTS = 32  # of the pool
 WIDE, UNDER = 100.0, 1.0  # of the treads of steps, how far they reach from the origin, and below the lowest one [m]
+ACROSS = 0.5  # cosine of the angle to the vertical, beyond which what divides two bodies stands between them
+THIN = 0.1  # of its thickness, that a thin body is pressed in where others lie on it at the start
 NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
 NOTABLE_EXCESS = 1.05  # ratio of the volumes of a mesh's hull and of the mesh above which a note gives it
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
@@ -69,11 +74,14 @@ class Touching(NamedTuple):
         The links of each row of the table.
     notes : tuple of str
         What is left out, one sentence each.
+    loads : ndarray or None
+        Mass that the ground bears where all start, by the tree's own (trees,); None where nothing lies on another.
     """
 
     table: Pairs | None = None
     names: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
+    loads: np.ndarray | None = None
 
 
 NOTHING = Touching()
@@ -142,9 +150,11 @@ def build_pairs(
     shapes = _shapes(solids)
     rubs = _coefficients(table, solids, options, frictions)
     table.friction = rubs[:, 0]
-    _fill_law(table, solids, shapes, tree, options)
+    near, beside, lowest = _near(table, shapes, members, tree, options)
+    above, bears = _above(table, near & ~beside, lowest, tree, options)
+    _fill_law(table, solids, shapes, tree, options, above, bears)
     reach, radius = _bounds(solids, shapes, tree, [joint for one in members for joint in one.model.moving_joints])
-    enough = LEAST_POINTS + _piled(table, tree) + _near_points(table, shapes, members, tree, options)
+    enough = LEAST_POINTS + _piled(table, tree) + 2 * int(table.slots[near].sum())
     slots = min(int(table.slots.sum()), option.max_points or enough)
     if slots < table.slots.max():
         raise ValueError(
@@ -159,7 +169,11 @@ def build_pairs(
     surfaces = _surfaces(solids, members, obstacles)
     pairs = Pairs(shapes, table, bodies, own_rows, reach, outside, radius, room, margin, turning, surfaces)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
-    return Touching(pairs, names, (*parts.notes, *_concave(solids))), tree
+    own = np.array(moving_masses(tree))
+    if option.load is not None:
+        above = np.where(above > 0.0, np.maximum(option.load - own, 0.0), 0.0)
+    loads = 1.0 + above / np.maximum(own, LIGHTEST) if above.any() else None
+    return Touching(pairs, names, (*parts.notes, *_concave(solids)), loads), tree
 
 
 def no_pairs(tree: Tree) -> Pairs:
@@ -394,16 +408,32 @@ def _common(parent: np.ndarray, a: int, b: int) -> int:
     return int(a)
 
 
-def _fill_law(table: np.recarray, solids: Sequence[Solid], shapes: Shapes, tree: Tree, options: SceneOptions) -> None:
-    """Fill stiffness and damping of each pair; the ground's are those that it has for points."""
+def _fill_law(
+    table: np.recarray,
+    solids: Sequence[Solid],
+    shapes: Shapes,
+    tree: Tree,
+    options: SceneOptions,
+    above: np.ndarray,
+    bears: np.ndarray,
+) -> None:
+    """Fill stiffness and damping of each pair; the ground's are those that it has for points.
+
+    above: mass (trees,) that lies on each tree at the start [kg]; bears (pairs,): which pairs bear any there.
+    """
     option, ground, g = options.pairs, options.ground, options.g or EARTH
     assert option is not None
     on_ground = np.array([solid.link == GROUND for solid in solids])[table.b]
-    load = _resting(table, tree, on_ground) if option.load is None else np.full(len(table), option.load)
+    load = _resting(table, tree, on_ground, above) if option.load is None else np.full(len(table), option.load)
     points, reduced = _carrying(table, shapes), _reduced(table, tree)
     depth, ratio = np.full(len(table), option.penetration), np.full(len(table), option.damping_ratio)
+    half = half_thickness(shapes)
+    thinner = np.minimum(half[table.a], half[table.b])
+    if option.load is None:
+        depth = np.where(bears, np.minimum(depth, np.maximum(2.0 * THIN * thinner, THIN * depth)), depth)
     if ground is not None:
         depth[on_ground], ratio[on_ground] = ground.penetration, ground.damping_ratio
+    table.deepest = np.maximum(thinner, TWO_DEPTHS * depth)
     table.stiffness = k = load * g / (points * depth)
     table.damping = 2.0 * ratio / np.sqrt(g * depth)
     table.tangential_stiffness = k
@@ -458,11 +488,11 @@ def _carrying(table: np.recarray, shapes: Shapes) -> np.ndarray:
     return np.where(field, on_field, np.minimum(table.slots, CARRYING))
 
 
-def _resting(table: np.recarray, tree: Tree, on_ground: np.ndarray) -> np.ndarray:
+def _resting(table: np.recarray, tree: Tree, on_ground: np.ndarray, above: np.ndarray) -> np.ndarray:
     """Return the mass (pairs,) that may come to rest on each pair [kg].
 
     It is the mass of the group of trees that can touch each other, directly or through others.  on_ground: (pairs,)
-    whether a pair is one with the ground, which bears each tree by its own mass.
+    whether a pair is one with the ground, which bears each tree by its own mass and what lies on it at the start.
     """
     from scipy.sparse import coo_array  # slow to import
     from scipy.sparse.csgraph import connected_components
@@ -470,7 +500,7 @@ def _resting(table: np.recarray, tree: Tree, on_ground: np.ndarray) -> np.ndarra
     mass, both = np.array(moving_masses(tree)), table.folded == 0
     meeting = coo_array((np.ones(both.sum()), (table.tree_a[both], table.tree_b[both])), shape=(len(mass), len(mass)))
     group = connected_components(meeting, directed=False)[1]
-    return np.where(on_ground, mass[table.tree_a], np.bincount(group, mass)[group[table.tree_a]])
+    return np.where(on_ground, (mass + above)[table.tree_a], np.bincount(group, mass)[group[table.tree_a]])
 
 
 def _reduced(table: np.recarray, tree: Tree) -> np.ndarray:
@@ -487,7 +517,7 @@ def limited(check: Preflight, touching: Touching, tree: Tree) -> Preflight:
     table = touching.table.pairs
     steps = 2.0 * np.sqrt(_reduced(table, tree) / (_carrying(table, touching.table.shapes) * table.stiffness))
     k = int(steps.argmin())
-    limit = Limit(" - ".join(touching.names[k]), float(steps[k]), "contact spring")
+    limit = Limit(" - ".join(touching.names[k]), float(steps[k]), SPRING)
     largest, sliding = (min(one, limit.step) for one in (check.largest_explicit_step, check.sliding_step))
     check = check._replace(largest_explicit_step=largest, sliding_step=sliding)
     return check._replace(limits=(*check.limits, limit))
@@ -504,10 +534,13 @@ def moving_masses(tree: Tree) -> list[float]:
     return [math.fsum(tree.bodies.m[one.root + one.fixed : one.end].tolist()) for one in trees_of(tree)]
 
 
-def _near_points(
+def _near(
     table: np.recarray, shapes: Shapes, members: Sequence[Member], tree: Tree, options: SceneOptions
-) -> int:
-    """Return twice the points of the pairs that are near each other, by boxes around them, where all start."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which pairs are near each other (pairs,), by boxes around them, and which of these lie side by side.
+
+    Also where shapes end below (shapes,) [m].  It is where all start; below is along gravity, along -z without.
+    """
     bases, joints = [], []
     for member in members:
         model, (x, y, *height) = member.model, member.placed.position
@@ -526,8 +559,44 @@ def _near_points(
     flat = at.kind[table.b] == HALF_SPACE
     gaps = [_gap_along(axes[of][:, :, k], apart, a, b) for of in (table.a, table.b) for k in range(3)]
     above = total(apart * b[0][:, :, 2]) - _half_width(b[0][:, :, 2], *a)
-    near = np.where(flat, above, np.max(gaps, axis=0)) < NEAR
-    return 2 * int(table.slots[near].sum())
+    most = np.max(gaps, axis=0)
+    near = np.where(flat, above, most) < NEAR
+    up = np.array([0.0, 0.0, 1.0]) if options.g == 0.0 else -np.asarray(options.gravity) / options.g
+    rise = [abs(total(axes[of][:, :, k] * up)) for of in (table.a, table.b) for k in range(3)]
+    across = np.take_along_axis(np.array(rise), np.argmax(gaps, axis=0)[None], axis=0)[0] < ACROSS
+    reach = np.minimum(_half_width(np.tile(up, (len(axes), 1)), axes, at.extent), at.bound)
+    return near, ~flat & across & (most > _two_depths(options)), total(center * up) - reach
+
+
+def _two_depths(options: SceneOptions) -> float:
+    """Return two depths at rest [m], by which what stands beside another may be lower."""
+    return TWO_DEPTHS * max(one.penetration for one in (options.pairs, options.ground) if one is not None)
+
+
+def _above(
+    table: np.recarray, near: np.ndarray, lowest: np.ndarray, tree: Tree, options: SceneOptions
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mass (trees,) that may lie on each tree where all start, directly or through others [kg].
+
+    Also which pairs (pairs,) bear it.  What is near another and ends higher may lie on it.  near (pairs,): which are
+    so, but for those side by side; lowest: see `_near`.
+    """
+    mass, under = moving_masses(tree), dict[int, set[int]]()
+    between = near & (table.folded == 0) & (table.tree_a != table.tree_b)
+    for row in table[between]:
+        higher = lowest[row.a] - lowest[row.b]
+        if abs(higher) > _two_depths(options):
+            over, low = (row.tree_a, row.tree_b) if higher > 0.0 else (row.tree_b, row.tree_a)
+            under.setdefault(int(low), set()).add(int(over))
+    found = np.zeros(len(mass))
+    for low in under:
+        borne, left = {low}, [low]
+        while left:
+            new = under.get(left.pop(), set()) - borne
+            borne |= new
+            left += new
+        found[low] = math.fsum(mass[k] for k in sorted(borne - {low}))
+    return found, near & (between | ((table.folded == 1) & (found[table.tree_a] > 0.0)))
 
 
 def _gap_along(

@@ -36,6 +36,7 @@ from .friction import Friction, explicit_limits, fastest_damping, sticks
 from .joint_spring import stiffest
 from .options import SceneOptions
 
+SPRING = "contact spring"  # cause of a limit
 STIFF = 5e-3  # [s]; explicit limit below which a scene is for implicit steps
 LARGEST = 1e50  # inertia of a length that nothing changes [kg m^2 or kg]
 SHORTEST, LONGEST = 1e-9, 10.0  # steps that are taken [s]
@@ -126,7 +127,7 @@ def preflight(
     steps: tuple[float, ...] = _together(mobility, damping, stiffness, dampers.get(DRY))
     if options.ground is not None:
         step = float(contact.explicit_limit(options.ground.penetration, options.g))
-        limits.append(Limit("contact", step, "contact spring"))
+        limits.append(Limit("contact", step, SPRING))
         steps = tuple(min(one, step) for one in steps)
     for name, step, cause in fluid_limits(model, options.fluid, options.g):
         limits.append(Limit(name, step, cause))

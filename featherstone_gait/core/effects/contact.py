@@ -37,6 +37,7 @@ POINT = record(
     friction=float,  # coefficient
     tangential_stiffness=float,  # [N/m]
     tangential_damping=float,  # [N s/m]
+    deepest=float,  # depth beyond which a run ends: see step/depth.py [m]
 )
 
 

@@ -12,6 +12,7 @@ from ..effects.actuator import controller_of
 from ..effects.controller import apply_delayed
 from ..effects.pair import FULL
 from ..effects.push import EVENT_MARGIN, next_edge
+from ..step.depth import watch_depth
 from ..step.pace import (
     ATTEMPTS,
     EVALUATIONS,
@@ -159,6 +160,8 @@ def _cross(run, y, k, end, most, out):
         pace[NEXT] = next_record
         done = until if h >= until - done else done + h
         y[run.offsets[0].end_time] = t + done
+        if watch_depth(run.work, run, y, t + done, False):
+            return True
         if ends_on_records(run.work) is None or done >= length:  # no error is accepted that is not finite
             if inspect(run, t + done, y):
                 return True

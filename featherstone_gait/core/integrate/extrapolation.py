@@ -30,8 +30,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import inline, kernel
-from ..compile.lanes import WIDTH, aligned, select
-from ..compile.optional import if_present, in_lanes
+from ..compile.lanes import WIDTH, aligned, any_lane, select
+from ..compile.optional import any_present, if_present, in_lanes
 from ..compile.structure import structure
 from ..effects.actuator import controller_of, motor_of
 from ..effects.decay import DECAYS, set_decay
@@ -42,6 +42,7 @@ from ..step.advance import advance_trees, solve_trees
 from ..step.branch import branches, branches_at_start
 from ..step.closure import factor_at, project
 from ..step.context import NEWTON_TOLERANCE, Step
+from ..step.depth import TOO_DEEP, too_deep, watch_depth
 from ..step.derivative import derivative
 from ..step.pace import COLUMNS, EVALUATIONS, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
 from ..step.signals import evaluate
@@ -211,6 +212,24 @@ def _ends_elsewhere(implicit, run, h):
         return False
     ladder.discontinuity[BEFORE] = 1.0
     return True
+
+
+@watch_depth.of(Ladder)
+def _watch_depth(work, run, y, t, dead):
+    """Do so where any column's last step was too deep."""
+    columns = in_lanes(work.columns)
+    return _watch(any_present(run.scene.pairs, run.scene.contact), columns, run, y, t, dead)
+
+
+@inline
+def _watch(present, columns, run, y, t, dead):
+    if present is None:
+        return dead
+    none = columns.h[0] < 0.0
+    if any_lane(too_deep(run.scene.pairs, run.scene.contact, columns.pool, columns.C, none)):
+        y[run.offsets[0].status] = TOO_DEEP
+        return True
+    return dead
 
 
 @inline

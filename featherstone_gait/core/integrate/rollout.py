@@ -8,6 +8,7 @@ from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import apply_delayed, control_tick
 from ..effects.pair import FULL, copy_where
+from ..step.depth import watch_depth
 from ..step.pool import renew_pool
 from ..step.program import commanded, writes_torques
 from ..step.signals import EVENT_MARGIN, evaluate, time_of
@@ -48,6 +49,7 @@ def rollout(run, y, out):
             break
         take_step(run.work, run, y, t, theta)
         follow(run.scene.coupling, offsets, y)
+        dead = watch_depth(run.work, run, y, time_of(plan, k + 1), dead)
         _freeze_ended(dead, run, y)
         theta = steady
     for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state

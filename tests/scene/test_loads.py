@@ -1,0 +1,160 @@
+"""What lies on a body at the start sizes its contact with the ground, and what comes later is watched."""
+
+import itertools
+
+import numpy as np
+import pytest
+from touching import obstacle, placed
+
+from featherstone_gait import (
+    Box,
+    Capsule,
+    Ground,
+    PairContact,
+    Placed,
+    SceneModel,
+    Session,
+    Sphere,
+    body,
+    compile_scene,
+    initial_state,
+    simulate,
+    simulate_batch,
+)
+
+G = 9.80665
+FLOOR = (obstacle(Box((2.0, 2.0, 0.2)), "floor", (0.0, 0.0, -0.1)),)
+
+
+def stacked(*things, x=0.0):
+    """Boxes (size, mass) on each other from the ground on, named by their order."""
+    z, found = 0.0, []
+    for k, (size, mass) in enumerate(things):
+        found.append(placed(Box(size), mass, f"b{k}", (x, 0.0, z + 0.5 * size[2])))
+        z += size[2]
+    return found
+
+
+def scene_of(members, on_ground=True, **options):
+    model = SceneModel("stack", members, () if on_ground else FLOOR, ground=Ground() if on_ground else None)
+    return compile_scene(model, **{"pairs": "all"} | options)
+
+
+def borne(scene, name):
+    """The mass that the four points of a box on the ground bear at the stated penetration [kg]."""
+    first = 0
+    for member in scene.members:
+        count = len(member.model.contacts)
+        if member.name == name:
+            return 4 * scene.constants.contact.points.stiffness[first] * scene.ground.penetration / scene.options.g
+        first += count
+    raise KeyError(name)
+
+
+@pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
+def test_the_ground_bears_a_tree_and_all_that_lies_on_it(order):
+    size = (0.1, 0.1, 0.1)
+    pile = stacked((size, 0.05), (size, 2.0), (size, 50.0))
+    beside = placed(Box(size), 1.0, "beside", (0.12, 0.0, 0.05))
+    scene = scene_of([*(pile[k] for k in order), beside])
+    for name, mass in (("b0", 52.05), ("b1", 52.0), ("b2", 50.0), ("beside", 1.0)):
+        assert borne(scene, name) == pytest.approx(mass, rel=1e-12), name
+    limits = [limit.step for limit in scene.preflight.limits if limit.cause == "contact spring"]
+    lightest = 2.0 * np.sqrt(0.05 * scene.ground.penetration / (52.05 * scene.options.g))
+    assert min(limits) <= lightest * (1.0 + 1e-12)
+    assert scene.preflight.largest_explicit_step <= min(limits)
+
+
+def test_a_stated_load_is_what_the_ground_bears_under_others():
+    pile = stacked(((0.1, 0.1, 0.1), 0.5), ((0.1, 0.1, 0.1), 2.0))
+    scene = scene_of(pile, pairs=PairContact(load=1.5))
+    assert borne(scene, "b0") == pytest.approx(1.5)
+    assert borne(scene, "b1") == pytest.approx(2.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("on_ground", [True, False])
+@pytest.mark.parametrize(
+    "things",
+    [
+        [((0.1, 0.1, 0.1), 0.05), ((0.1, 0.1, 0.1), 50.0)],
+        [((0.1, 0.1, 0.1), 50.0), ((0.1, 0.1, 0.1), 0.05), ((0.1, 0.1, 0.1), 20.0)],
+        [((0.4, 0.4, 0.02), 0.5), ((0.3, 0.3, 0.3), 20.0)],
+        [((0.2, 0.2, 0.004), 0.1)] * 8,
+    ],
+)
+def test_nothing_sinks_by_more_than_twice_its_penetration(things, on_ground):
+    members = stacked(*things)
+    run = simulate(scene_of(members, on_ground), 2.0, record=("base_q", "base_qd"))
+    assert run.status == "ok"
+    heights = [run[one.name]["base_q"][-1, 2] for one in members]
+    sunk = np.diff([0.0, *(one.position[2] - z for one, z in zip(members, heights))])
+    assert (sunk > 0.0).all()
+    assert sunk.max() < 2 * 5e-4
+    assert max(np.abs(run[one.name]["base_qd"][-1]).max() for one in members) < 1e-4
+
+
+@pytest.mark.long
+def test_round_bodies_lie_on_light_ones():
+    plate, ball = placed(Box((0.3, 0.3, 0.02)), 0.1, "plate", (0.0, 0.0, 0.01)), Sphere(0.1)
+    roll = Placed(body(Capsule(0.1, 0.2), 30.0, name="roll"), position=(0.0, 0.0, 0.12), orientation=(1, 1, 0, 0))
+    for heavy in (placed(ball, 30.0, "ball", (0.0, 0.0, 0.12)), roll):
+        run = simulate(scene_of([plate, heavy]), 1.0, record=("base_q",))
+        assert run.status == "ok"
+        assert run["plate"]["base_q"][-1, 2] > 0.01 - 2 * 5e-4
+
+
+@pytest.mark.long
+def test_what_is_dropped_on_a_light_body_ends_the_run_and_is_named():
+    """A crate of 20 kg falls on a pallet of 0.5 kg, sized to bear its own weight."""
+    pallet = placed(Box((0.4, 0.4, 0.02)), 0.5, "pallet", (0.0, 0.0, 0.01))
+    crate = placed(Box((0.3, 0.3, 0.3)), 20.0, "crate", (0.0, 0.0, 0.37))
+    scene = scene_of([pallet, crate])
+    run = simulate(scene, 1.0, record=("base_q",))
+    assert run.status == "too deep"
+    assert not run.success
+    assert "'pallet/body' and 'ground'" in run.message
+    assert "0.01 m" in run.message
+    assert np.sqrt(2 * 0.2 / G) < run.end_time < 0.25
+    assert 0.01 < 0.01 - run["pallet"]["base_q"][-1, 2] < 0.013
+    with Session(scene) as session:
+        for _ in range(400):
+            session.step()
+        assert session.status == ["too deep"]
+        assert session.time[0] == pytest.approx(run.end_time, abs=2e-3)
+
+
+THROUGH = {
+    "ars343": {}, "extrapolation": {"rtol": 1e-6}, "implicit_euler": {"timestep": 1e-4}, "midpoint": {"timestep": 1e-4},
+    "rk4": {"timestep": 1e-5},
+}  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", THROUGH)
+def test_a_ball_that_passes_a_plate_is_told(integrator):
+    """It has 10 g and 30 m/s: the law, sized by its weight, does not stop it within a plate of 1 mm."""
+    options = dict(THROUGH[integrator])
+    tolerance = {"rtol": options.pop("rtol")} if "rtol" in options else {}
+    ball = placed(Sphere(0.01), 0.01, "ball", (0.0, 0.0, 0.0115))
+    model = SceneModel("pass", [ball], [obstacle(Box((1.0, 1.0, 0.001)), "plate")])
+    scene = compile_scene(model, pairs="all", integrator=integrator, **options)
+    start = initial_state(scene, None, {"ball": (0.0, 0.0, -30.0, 0.0, 0.0, 0.0)})
+    run = simulate(scene, 0.01, start, estimate_error=False, **tolerance)
+    assert run.status == "too deep"
+    assert "'ball/body' and 'plate/body'" in run.message
+    assert run.end_time < 2e-3
+
+
+@pytest.mark.long
+def test_a_depth_ends_a_lane_where_it_ends_the_run_alone():
+    ball = placed(Sphere(0.01), 0.01, "ball", (0.0, 0.0, 0.0115))
+    model = SceneModel("pass", [ball], [obstacle(Box((1.0, 1.0, 0.001)), "plate")])
+    scene = compile_scene(model, pairs="all", integrator="implicit_euler", timestep=1e-4)
+    starts = [initial_state(scene, None, {"ball": (0, 0, -v, 0, 0, 0)}) for v in (0.1, 30.0, 0.02, 40.0, 0.05, 0.1)]
+    several = simulate_batch(scene, 0.01, starts, estimate_error=False)
+    for start, run in zip(starts, several):
+        alone = simulate(scene, 0.01, start, estimate_error=False)
+        assert (run.status, run.end_time) == (alone.status, alone.end_time)
+        assert run.final.tobytes() == alone.final.tobytes()
+    assert [run.status for run in several] == ["ok", "too deep", "ok", "too deep", "ok", "ok"]
