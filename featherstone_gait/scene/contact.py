@@ -129,7 +129,8 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
     table.stiffness, table.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.penetration)
     table.tangential_stiffness = k
     table.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
-    table.deepest = np.maximum(_half_sizes(model, contacts), TWO_DEPTHS * ground.penetration)
+    rise = max((abs(rise) for _, rise in ground.steps), default=0.0)  # a toe is that deep behind a rise's face
+    table.deepest = np.maximum(_half_sizes(model, contacts), TWO_DEPTHS * ground.penetration) + rise
     return table
 
 
