@@ -47,6 +47,7 @@ ROUNDING = 1e-13  # of the values, the least error that is estimated
 LIMIT = 1e-3  # of angles [rad] and positions [m]: beyond it a run is inaccurate
 FIXED_LIMIT = 1e-2  # the same at fixed steps, which are chosen by name
 SPEED_LIMIT = 10.0  # of speeds by the largest there is or 1, in the above: an impact a moment late is a jump missed
+SLOWEST = 0.03  # in place of 1 of a body's velocity where bodies touch each other and error control runs [m/s]
 ENERGY_LIMIT = 1e-2  # of energies, where they are recorded, by the largest there is ...
 LEAST_ENERGY = 1e-3  # ... or this [J]
 
@@ -190,7 +191,7 @@ def share_of_third(run: Trajectory, coarse: Trajectory, fine: Trajectory, order:
     if order != 1:
         return OF_HALF
     far, near = (
-        max(float(error.max()) / limit for _, error, limit, _ in _limited(run, _difference(run, other, 1.0)))
+        max(float((error / limit).max()) for _, error, limit, _ in _limited(run, _difference(run, other, 1.0)))
         for other in (coarse, fine)
     )
     return OF_HALF if abs(near - 0.5 * far) < ORDERLY * far else OF_ROOT
@@ -218,17 +219,32 @@ def _difference(run: Trajectory, other: Trajectory, share: float) -> dict[str, n
     return with_error(run, other, share).error or {}
 
 
-def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray, float, str]]:
+def fastest(speeds: np.ndarray, by_body: bool | None) -> Any:
+    """Return the largest of speeds (samples, ...), 1 at least, by which their errors are judged.
+
+    Of velocities of bodies, if asked for, one for each number (numbers,): the largest of the body's own, SLOWEST at
+    least; of angular ones 1 rad/s at least.
+    """
+    if not by_body:
+        return max(float(np.abs(speeds).max()), 1.0)
+    own = np.abs(speeds).reshape(len(speeds), -1, 2, 3).max(axis=(0, 3))
+    return np.repeat(np.maximum(own, [SLOWEST, 1.0]).ravel(), 3)
+
+
+def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray, Any, str]]:
     """Yield name, error (samples, columns), its limit and unit of the coordinates and energies that have an error.
+
+    The limit is a number, or one for each column.
 
     An error of an energy counts from where it lasts: where an impact is a moment late, so are its losses.
     """
     largest = LIMIT if "rtol" in run.info else FIXED_LIMIT
+    slow = True if "rtol" in run.info and run.info.get("pairs") else None
     for name, unit in (("q", "rad or m"), ("base_q", "m or -"), ("qd", "rad/s or m/s"), ("base_qd", "m/s or rad/s")):
         if name in errors and errors[name].size:
             limit = largest
             if name.endswith("qd"):
-                limit *= SPEED_LIMIT * max(float(np.abs(run[name]).max()), 1.0)
+                limit = SPEED_LIMIT * largest * fastest(run[name], slow if name == "base_qd" else None)
             yield name, errors[name].reshape(len(errors[name]), -1), limit, unit
     if "energy" in errors and errors["energy"].size:
         lasting = np.minimum.accumulate(errors["energy"][::-1])[::-1]
@@ -247,7 +263,8 @@ def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
     if not found:
         return None
     k, name, limit, unit, errors = min(found, key=lambda one: one[:2])
-    column = int(errors.argmax())
+    column = int((errors / limit).argmax())
+    limit = float(np.broadcast_to(limit, errors.shape)[column])
     what = run.info["joints"][column // ENERGIES] if name == "energy" else f"number {column} of {name}"
     if name.startswith("base") and "members" in run.info:
         member, number = divmod(column, run[name].shape[-1])

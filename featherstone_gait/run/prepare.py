@@ -49,7 +49,7 @@ def prepare(
         works = any(part is not None for part in (*acting, acts.tendons)) or driven
         integrated = o["after_integrated" if works else "after_controlled"]
         rtol = scene.rtol if rtol is None else rtol
-        atol = rtol if atol is None else atol
+        atol = scene.atol(rtol) if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=least_step(scene), integrated=integrated)
         plan = plan._replace(second_run=scene.method.second_run, budget=budget(plan.steps * plan.h))
     record = recorded(scene, record)
@@ -123,7 +123,7 @@ def with_tolerance(
         scene = replace(scene, preflight=scene.preflight._replace(reason=why), tick_steps=ticks)
     if not scene.adaptive:
         return scene, None, None
-    return scene, wanted, wanted if atol is None else atol
+    return scene, wanted, scene.atol(wanted) if atol is None and wanted is not None else atol
 
 
 def most_ticks(scene: CompiledScene) -> int:

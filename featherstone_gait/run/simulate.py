@@ -104,11 +104,13 @@ def simulate(
         Array (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V].
     rtol, atol
         Relative and absolute error allowed in a step [rad, m, and their rates; A; J], of an integrator that chooses
-        its steps; atol is rtol if None.  Given for a scene of fixed steps, they choose such an integrator for this
-        run: "extrapolation" if the scene is stiff, else "dop853".
+        its steps; atol is rtol if None, or 0.03 rtol where bodies touch each other and rtol is 1e-4 or less.  Given
+        for a scene of fixed steps, they choose such an integrator for this run: "extrapolation" if the scene is
+        stiff, else "dop853".
     estimate_error
         None: run again at ten times the tolerances, or at twice the fixed step.  The run is "inaccurate" if its error
-        is larger than 1e-3 rad or m, or 1e-2 of the largest speed (1 at least), ten times as much at a fixed step,
+        is larger than 1e-3 rad or m, or 1e-2 of the largest speed (1 at least; of a body that touches others its
+        own, 0.03 m/s at least), ten times as much at a fixed step,
         or, with "energy" recorded, than 1e-2 of the largest energy (1 mJ at least) up to the end;
         at fixed steps a third run in half the steps must confirm it.  Where torques, pushes or followed references
         change within fixed steps, the second run has error control, whose steps end there.
