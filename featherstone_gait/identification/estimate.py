@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Blocks = list[np.ndarray]  # errors of each recording
+LAGS, DENSE = 24, 0.95  # of autocorrelations that are estimated; one from which on every second lag is enough
+RANK = 1e-10  # of singular values relative to the largest, below which they count as zero
 
 
 class Errors:
@@ -79,12 +81,10 @@ def covariances(J: np.ndarray, e: np.ndarray, lengths: Sequence[int]) -> tuple[n
     # A parameter without effect has no finite variance: a tiny eigenvalue makes it huge instead of failing.
     Z, scale = _scaled(J)
     bread = np.linalg.pinv(Z.T @ Z + 1e-14 * np.eye(J.shape[1]), hermitian=True)
-    degrees = max(len(e) - J.shape[1], 1)
     meat, independent = _meat(Z, e, lengths)
     outer = np.outer(scale, scale)
-    textbook = bread * (e @ e) / degrees / outer
-    robust = bread @ meat @ bread * (len(e) / degrees) / outer
-    return textbook, robust, independent
+    textbook = bread * (e @ e) / max(len(e) - J.shape[1], 1) / outer
+    return textbook, bread @ meat @ bread / outer, independent
 
 
 def information(J: np.ndarray, e: np.ndarray, lengths: Sequence[int]) -> tuple[np.ndarray, float]:
@@ -95,8 +95,7 @@ def information(J: np.ndarray, e: np.ndarray, lengths: Sequence[int]) -> tuple[n
     Z, scale = _scaled(J)
     meat, independent = _meat(Z, e, lengths)
     H = Z.T @ Z
-    share = max(len(e) - J.shape[1], 1) / len(e)
-    return share * H @ np.linalg.pinv(meat, hermitian=True) @ H * np.outer(scale, scale), independent
+    return H @ np.linalg.pinv(meat, hermitian=True) @ H * np.outer(scale, scale), independent
 
 
 def _scaled(J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,29 +106,80 @@ def _scaled(J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _meat(Z: np.ndarray, e: np.ndarray, lengths: Sequence[int]) -> tuple[np.ndarray, float]:
-    """Return the sum of e_i e_j Z_i'Z_j over neighbors, and the number of independent samples."""
-    signals = np.split(e, np.cumsum(lengths)[:-1])
-    scores = np.split(Z * e[:, None], np.cumsum(lengths)[:-1])
-    bandwidth = _bandwidth([_autocorrelation([s[:, k] for s in scores], 1) for k in range(Z.shape[1])], lengths)
-    meat, sum_of_rho = sum(s.T @ s for s in scores), 0.0
-    for lag in range(1, bandwidth + 1):
-        weight = 1.0 - lag / (bandwidth + 1.0)
-        cross = sum(s[lag:].T @ s[:-lag] for s in scores)
-        meat = meat + weight * (cross + cross.T)
-        sum_of_rho += weight * _autocorrelation(signals, lag)
-    return np.asarray(meat), len(e) / max(1.0 + 2.0 * sum_of_rho, 1.0)
+    """Return Z'VZ, V the covariance of the noise, and how many independent samples tell its variance as well.
+
+    All signals have one autocorrelation, and the variance of all together, or their own where that is larger.
+    """
+    from scipy.signal import fftconvolve  # slow to import
+
+    U, s, _ = np.linalg.svd(Z, full_matrices=False)
+    Q, cuts = U[:, s > RANK * s.max(initial=0.0)], np.cumsum(lengths)[:-1]
+    degrees = [max(len(q) - float(np.sum(q * q)), 1.0) for q in np.split(Q, cuts)]
+    variances = np.array([x @ x for x in np.split(e, cuts)]) / degrees
+    whole = (e @ e) / max(len(e) - Q.shape[1], 1)
+    if not whole > 0.0:
+        return 0.0 * (Z.T @ Z), float(len(e))
+    each = np.repeat(np.sqrt(np.maximum(variances, whole)), lengths)[:, None]
+    g = _autocovariance(e / each[:, 0], Q / each, Q * each, lengths)
+    kernel = np.concatenate([g[:0:-1], g])[:, None]
+    meat = sum(x.T @ fftconvolve(kernel, x, axes=0)[len(g) - 1 :][: len(x)] for x in np.split(Z * each, cuts))
+    return np.asarray(meat), len(e) / (1.0 + 2.0 * float(np.sum((g[1:] / g[0]) ** 2)))
 
 
-def _autocorrelation(signals: Sequence[np.ndarray], lag: int) -> float:
-    power = sum(s @ s for s in signals)
-    return float(sum(s[lag:] @ s[:-lag] for s in signals) / power) if power > 0 else 0.0
+def _autocovariance(u: np.ndarray, A: np.ndarray, B: np.ndarray, lengths: Sequence[int]) -> np.ndarray:
+    """Return autocovariances of the noise (longest,) of which a fit has left the residuals u = (I - A B') noise.
+
+    A fit takes away the slow part of the noise most of all.  So autocovariances g of the noise at the first lags solve
+    u'T_i u = sum over j of trace(T_i (I - A B') T_j (I - A B')') g_j, T_i the matrix of lag i (K. Worsley et al.,
+    NeuroImage 15 (2002), doi 10.1006/nimg.2001.0933); those of longer lags go on as an autoregression, whose order has
+    the least value of Akaike's criterion.
+    """
+    cuts, count = np.cumsum(lengths)[:-1], len(u)
+
+    def lagged(x: np.ndarray, lag: int) -> np.ndarray:
+        found = np.zeros_like(x)
+        for part, one in zip(np.split(found, cuts), np.split(x, cuts)):
+            part[lag:] += one[: max(len(one) - lag, 0)]
+            part[: max(len(one) - lag, 0)] += one[lag:]
+        return found if lag else x
+
+    def raw(lag: int) -> float:
+        return float(u @ lagged(u, lag) / (u @ u) / 2.0)
+
+    stride = 1  # what is sampled far more often than it changes is looked at less often
+    while raw(2 * stride) > DENSE and 2 * stride * LAGS < max(lengths):
+        stride *= 2
+    lags = [k * stride for k in range(LAGS + 1) if k == 0 or k * stride < max(lengths)]
+    At, Bt = ([lagged(X, lag) for lag in lags] for X in (A, B))
+    pairs = [sum(2.0 * max(n - lag, 0) for n in lengths) if lag else float(count) for lag in lags]
+    G = np.diag(pairs) - 2.0 * np.array([[np.sum(a * b) for b in Bt] for a in At])
+    G += np.array([[np.sum((A.T @ a) * (B.T @ b).T) for b in Bt] for a in At])
+    g = np.linalg.lstsq(G, np.array([u @ lagged(u, lag) for lag in lags]), rcond=RANK)[0]
+    g = _continued(g, count / stride, -(-max(lengths) // stride) + 1)
+    return np.interp(np.arange(max(lengths)), stride * np.arange(len(g)), g)
 
 
-def _bandwidth(correlations: Sequence[float], lengths: Sequence[int]) -> int:
-    """Return the lags to keep: Andrews (1991), (6.2) and (6.4), for first-order processes and Bartlett's weights."""
-    rho = np.minimum(np.abs(correlations), 0.97)
-    alpha = float(np.mean(4.0 * rho**2 / (1.0 - rho**2) ** 2))
-    return min(math.ceil(1.1447 * (alpha * sum(lengths)) ** (1.0 / 3.0)), min(lengths) // 4)
+def _continued(g: np.ndarray, count: float, length: int) -> np.ndarray:
+    """Return autocovariances (length,) that go on from the first ones as a stable autoregression."""
+    from scipy.linalg import solve_toeplitz
+
+    best, found = count * math.log(max(g[0], 1e-300)), np.zeros(0)
+    for order in range(1, 2 * len(g) // 3):
+        try:
+            phi = solve_toeplitz(g[:order], g[1 : order + 1])
+        except np.linalg.LinAlgError:
+            break
+        left = float(g[0] - phi @ g[1 : order + 1])
+        if left <= 0.0 or np.abs(np.roots([1.0, *-phi])).max() >= 1.0:
+            break
+        criterion = count * math.log(left) + 2.0 * order
+        if criterion < best:
+            best, found = criterion, phi
+    whole = np.zeros(length)
+    whole[: len(found) + 1] = g[: len(found) + 1][:length]
+    for k in range(len(found) + 1, length if len(found) else 0):
+        whole[k] = found @ whole[k - len(found) : k][::-1]
+    return whole
 
 
 def quantile(confidence: float, degrees: float) -> float:

@@ -83,7 +83,7 @@ def test_a_servo_that_counts_is_found_from_any_start(arm, exact):
     names = ["motor_constant", "viscous_friction"]
     for factor in (3.0, 1 / 3):
         start = changed(counted, viscous_friction=factor * TRUTH["viscous_friction"])
-        found = identify(start, seen, names, timestep=STEP)
+        found = identify(start, seen, names, start_range=0.0, timestep=STEP)
         for name in names:
             assert found.values[name] == pytest.approx(TRUTH[name], rel=0.02), name
 
@@ -95,20 +95,44 @@ def test_voltages_alone_tell_the_gain(arm, exact):
     assert result.values["Kp"] == pytest.approx(30.0, rel=1e-4)
 
 
+def correlated(random, count, over):
+    """Noise of half an encoder count, whose correlation falls by e over a time [s]; white for 0."""
+    left = math.exp(-0.01 / over) if over else 0.0
+    found, fresh = np.zeros(count), random.normal(0.0, 0.5 * COUNT, count)
+    found[0] = fresh[0]
+    for k in range(1, count):
+        found[k] = left * found[k - 1] + math.sqrt(1.0 - left * left) * fresh[k]
+    return found
+
+
 @pytest.mark.long
-def test_intervals_hold_the_truth_as_often_as_they_say(arm, exact):
-    """Noise of half an encoder count makes the rounding an independent error, so theory holds: of 3 x 24 intervals
-    95 % hold the truth (these seeds: 93 %), give or take 2.6 % (binomial) if the parameters' errors are independent,
-    4.5 % if they are one; 82 % is three of the latter below.  Standardised errors have the spread 1 (1.0 to 1.1); over
-    24 seeds its own standard deviation is 0.14, so 0.6 to 1.4 is three."""
-    start = changed(arm, **TRUTH)
-    options = {"start_range": 3 * COUNT, "timestep": STEP}
-    results = [identify(start, read(exact, seed), list(TRUTH), **options) for seed in range(24)]
+@pytest.mark.parametrize("over", [0.0, 0.05, 0.2])
+def test_intervals_hold_the_truth_as_often_as_they_say(arm, exact, over):
+    """With the usual options, where each first angle is noisy, and with a fall, whatever the noise's correlation.
+
+    Of 3 x 100 intervals 95 % hold the truth, give or take 1.3 % (binomial) if the parameters' errors are independent,
+    2.2 % if they are one; 88 % is three of the latter below.  Standardised errors have the spread 1; over 100 trials
+    its own standard deviation is 0.07.  It is below 1, since intervals do not get narrower than those of the textbook.
+    """
+    start, results = changed(arm, **TRUTH), []
+    for seed in range(100):
+        random = np.random.default_rng(seed)
+        seen = [replace(r, angle=r.angle + correlated(random, len(r.time), over)) for r in exact]
+        results.append(identify(start, seen, list(TRUTH), timestep=STEP))
     inside = [[r.intervals[n][0] <= v <= r.intervals[n][1] for n, v in TRUTH.items()] for r in results]
     scores = np.array([errors(r) / r.standard_errors for r in results])
-    assert np.mean(inside) >= 0.82
-    assert ((scores.std(axis=0) > 0.6) & (scores.std(axis=0) < 1.4)).all()
-    assert (np.abs(scores.mean(axis=0)) < 3.0 / math.sqrt(24)).all()  # no bias that the spread does not explain
+    assert np.mean(inside, axis=0).min() >= 0.88, np.mean(inside, axis=0)
+    assert ((scores.std(axis=0) > 0.6) & (scores.std(axis=0) < 1.3)).all(), scores.std(axis=0)
+    assert (np.abs(scores.mean(axis=0)) < 3.0 / math.sqrt(100)).all()  # no bias that the spread does not explain
+
+
+@pytest.mark.long
+def test_intervals_hold_for_what_an_encoder_shows(arm, exact):
+    """Noise of half a count makes the rounding an independent error: of 3 x 24 intervals 95 % hold the truth."""
+    start = changed(arm, **TRUTH)
+    results = [identify(start, read(exact, seed), list(TRUTH), timestep=STEP) for seed in range(24)]
+    inside = [[r.intervals[n][0] <= v <= r.intervals[n][1] for n, v in TRUTH.items()] for r in results]
+    assert np.mean(inside) >= 0.82  # three standard deviations below, if the parameters' errors are one
 
 
 def test_autocorrelated_errors_widen_the_intervals(arm, exact):
