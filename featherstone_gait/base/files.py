@@ -217,6 +217,20 @@ def read_arrays(
             return {name: data[name] for name in declared}
 
 
+def check_sound(path: FilePath, name: str, values: np.ndarray, infinite: bool = False) -> None:
+    """Raise ValueError, with the row, for an array of a file that holds NaN, or infinity unless it may."""
+    import numpy as np
+
+    values = values.astype(float).reshape(len(values), -1) if values.ndim else values.astype(float).reshape(1, 1)
+    wrong = np.argwhere(np.isnan(values) if infinite else ~np.isfinite(values))
+    if len(wrong):
+        row, column = wrong[0].tolist()
+        raise ValueError(
+            f"{path}: {name}, row {row}, number {column} is {values[row, column]}; expected "
+            f"{'numbers' if infinite else 'finite numbers'}: take an undamaged copy, or make it again"
+        )
+
+
 @contextmanager
 def _undamaged(path: FilePath) -> Iterator[None]:
     try:

@@ -35,8 +35,9 @@ RESERVED = frozenset({*BY_NAME, *BUILT_IN, "time"})  # what records have under n
 class RangeSensor:
     """Rays from a link, whose lengths to the first shape are measured: collision shapes, obstacles, the ground.
 
-    Shapes of the link itself are transparent. A ray that begins within a shape measures 0, one that meets nothing
-    infinity. Meshes count as their convex hulls.
+    Shapes of the link and of those that do not move against it are transparent, and shapes of its robot within which a
+    ray begins.  One that begins within another shape measures 0, one that meets nothing infinity.  Meshes count as
+    their convex hulls.
 
     Attributes
     ----------
@@ -258,8 +259,7 @@ class ForceTorqueSensor:
     """Force and moment on a link by what carries it: the joint, with gear and bearings, or the link it is fixed to.
 
     It reads six numbers: the force, then the moment about its place, in its axes.  At rest that is the weight of the
-    link and of all that it carries, upward.  In the first sample of a run from an `initial_state`, of which no step has
-    computed accelerations and contact forces, it reads as if both were 0.
+    link and of all that it carries, upward.
 
     Attributes
     ----------
@@ -292,8 +292,6 @@ class ForceTorqueSensor:
 @dataclass(frozen=True)
 class ContactSensor:
     """A switch on a link: 1 while ground and other bodies push it by more than a threshold, else 0.
-
-    In the first sample of a run from an `initial_state`, whose contact forces no step has computed, it reads 0.
 
     Attributes
     ----------

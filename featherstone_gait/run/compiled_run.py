@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import floats, vector
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.compile.varying import Varying
+from ..core.effects.decay import FILTER_DECAY, MEAN, MOTOR_DECAY
 from ..core.integrate.adaptive import rollout_adaptive
 from ..core.integrate.integrator import Sizes, renewal_of
 from ..core.integrate.rollout import rollout_lanes, rollout_one
@@ -44,6 +45,7 @@ Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 
 INTERRUPTIBLE = 3e5  # steps by velocities: some 0.1 s of computing, from which on a run looks for Ctrl-C
 PAUSE = 3e4  # evaluations by velocities: some 10 ms, after which a run with error control looks for it
+INSTANT = 1e-9  # step that shows what a run begins with, at most twice as long [s]
 MOST_KNOTS = 1e8  # of a signal that steps see at each knot
 # Computed channels that take the robot too.
 OF_MODEL = {"clearance": clearance_channel, "tendon_length": tendon_length_channel}
@@ -78,6 +80,17 @@ class CompiledRun:
     stop: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int64))  # (1,): not 0 ends all its runs
     of_lanes: LaneNumbers | None = None  # of all whose runs share its lanes; None where all numbers are its own
     controller: CompiledController | None = None
+
+    @functools.cached_property
+    def late(self) -> np.ndarray:
+        """Which of `channels`, by index, only a step computes: forces, accelerations, pairs that touch."""
+        o = self.scene.layout
+        touching = [k for name in ("pair", "pair_feature") for k in range(*self.scene.part(name))]
+        return np.flatnonzero(np.isin(self.channels, [*range(o["before_derived"], o["after_derived"]), *touching]))
+
+    def begins(self, y: np.ndarray) -> bool:
+        """Return whether a run from a state (length,) records what no step has computed yet."""
+        return len(self.late) > 0 and y[self.scene.layout["end_time"]] == 0.0
 
     @property
     def numbers(self) -> LaneNumbers:
@@ -222,7 +235,10 @@ class CompiledRun:
         else:
             self._check_alike(starts)
             vector = Vector.of(self, starts)
+        first = vector.at_start() if self.begins(starts[0].y) else None
         vector.step()
+        if first is not None:
+            vector.out[0, self.late] = first[self.channels[self.late]]
         return [vector.take(lane) for lane in range(len(starts))]
 
     def call(self, kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
@@ -397,10 +413,47 @@ class Vector:
         run = self.run._replace(**changes) if changes else self.run
         self.compiled.call(self.kernel, run, self.y, self.out if out is None else out)
 
+    def at_start(self, **changes: Any) -> np.ndarray:
+        """Return the states (length, lanes) an instant after the start, of runs at time 0; the vector stays as it is.
+
+        They have the forces and accelerations with which runs begin.  changes: of fields of the run.
+        """
+        run = self.run._replace(**changes)
+        halvings = max(0, int(np.log2(run.plan.h / INSTANT)))
+        h, per_tick = run.plan.h / 2.0**halvings, run.plan.per_tick * 2**halvings  # a tick is as long as ever
+        least = min(run.plan.least_step, 1e-3 * h)
+        plan = run.plan._replace(h=h, steps=1, per_tick=per_tick, per_sample=1, first=0, offset=0.0, least_step=least)
+        run = run._replace(plan=plan, scene=run.scene._replace(decay=_shorter(run.scene.decay, halvings)))
+        zeros, program = zeros_for(self.lanes), run.signals.program
+        y, out = zeros(len(self.y)), zeros((2, max(len(self.compiled.channels), 1)))
+        y[...] = self.y
+        kept = [] if program is None else [(x, x.copy()) for x in (program.command, program.memory, program.clock)]
+        try:
+            self.kernel(run, y, out)
+        finally:
+            for x, before in kept:
+                x[...] = before
+        return y
+
     def take(self, lane: int) -> tuple[np.ndarray, np.ndarray]:
         """Return copies of the state (length,) and the records (records, numbers) of a lane."""
         out = self.out[:, : len(self.compiled.channels)]
         return self.lane(self.y, lane).copy(), self.lane(out, lane).copy()
+
+
+def _shorter(decay: Any, halvings: int) -> Any:
+    """Return what is left of currents and speeds after a step that is halved so many times."""
+    if isinstance(decay, Varying):
+        return Varying(_shorter(decay.values, halvings))
+    if decay is None:
+        return None
+    found = aligned(decay.shape)
+    found[...] = decay
+    for column in (MOTOR_DECAY, FILTER_DECAY):
+        for _ in range(halvings):
+            found[:, column] = np.sqrt(found[:, column])
+    found[:, MEAN] = np.where(found[:, MEAN] > 0.0, 1.0, 0.0)
+    return found
 
 
 def zeros_for(lanes: int) -> Zeros:

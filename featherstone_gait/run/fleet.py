@@ -96,6 +96,14 @@ class Group:
             self.begun[k, lane] = self.steps[k, lane] = schedule.first
             self.offset[k, lane] = schedule.offset
 
+    def at_start(self, robots: np.ndarray, into: np.ndarray) -> None:
+        """Fill rows (n, length) of robots (n,) bool with their states an instant after their start."""
+        for k, vector in enumerate(self.vectors):
+            of = self.of[k * self.lanes : (k + 1) * self.lanes]
+            if robots[of].any():
+                found = vector.at_start().reshape(self.length, self.lanes)
+                into[of] = np.where(robots[of, None], found.T, into[of])
+
     def write_state(self, robots: np.ndarray, states: np.ndarray, part: slice) -> None:
         """Overwrite a part of the states of robots (n,) bool by that of other states (n, length)."""
         places = np.flatnonzero(robots[self.of])
@@ -190,6 +198,7 @@ class Fleet:
                     self.groups.append(Group(compiled, self.runs, part, lanes, noisy))
         self._work = [(group, k) for group in self.groups for k in range(len(group.vectors))]
         self._threads = min(len(self._work), threads or os.cpu_count() or 1)
+        self.seen: tuple[np.ndarray, np.ndarray] | None = None  # robots at their start, and all states as they see them
         self._pool: ThreadPoolExecutor | None = None
         self._pid = os.getpid()
 
@@ -221,6 +230,14 @@ class Fleet:
             for future in futures:
                 if not future.cancel():
                     future.result()
+
+    def at_start(self, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the robots at time 0 of those given (n,) bool, and all states (n, length), theirs an instant later."""
+        states = self.states()
+        robots = robots & (self.of_each("end") == 0.0)
+        for group in self.groups:
+            group.at_start(robots, states)
+        return np.flatnonzero(robots), states
 
     def states(self) -> np.ndarray:
         """Return copies of the states (n, length)."""

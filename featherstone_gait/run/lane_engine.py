@@ -119,7 +119,12 @@ def run_lanes(
                 noise[: len(part), ..., lane] = part
             vector.set_clock(held.schedule, held.done, lane)
         signals = vector.run.signals._replace(samples=ticks, noise=noise)
+        new = [lane for lane, held in busy if held.done == 0 and compiled.begins(held.start.y)]
+        seen = vector.at_start(signals=signals)[compiled.channels[compiled.late]] if new else None
         vector.step(records, plan=vector.run.plan._replace(steps=steps), signals=signals)
+        if seen is not None:
+            for lane in new:
+                records[0, compiled.late, lane] = seen[:, lane]
         there += steps * WIDTH
         used += steps * len(busy)
         for lane, held in busy:

@@ -28,7 +28,7 @@ class View:
         name = inner if isinstance(inner, str) else ""
         self._runs = each_once(lambda run: prepare(run.scene, tick, needed), fleet.runs)
         self._values = np.zeros((len(fleet.runs), len(self._runs[0].channels)))
-        self._copies = []
+        self._copies, self._fleet, self.late = [], fleet, self._runs[0].late
         for group in fleet.groups:
             part = self._runs[group.robots[0]].channels
             if len(part) and (np.diff(part) == 1).all():  # a view costs less than a choice
@@ -43,6 +43,8 @@ class View:
         """Return the present values."""
         for copy_part in self._copies:
             copy_part()
+        if self._fleet.seen is not None:
+            _put_first(self._fleet.seen, self._runs[0], self._values)
         if self._shaped is not None:
             return self._shaped
         computed = self._computed()
@@ -68,12 +70,19 @@ class View:
         return self._reading(run.scene, run.named(values))
 
 
+def _put_first(seen: tuple[np.ndarray, np.ndarray], run: CompiledRun, values: np.ndarray) -> None:
+    """Overwrite what no step has computed yet in numbers (n, all) of a run's channels, of robots at their start."""
+    (robots, states), late = seen, run.late
+    values[np.ix_(robots, late)] = states[np.ix_(robots, run.channels[late])]
+
+
 class SampledView:
     """What a sampled sensor of all robots has answered last; `take` measures, once a tick."""
 
     def __init__(self, fleet: Fleet, tick: float, sensor: SampledSensor) -> None:
         self.name, self.sensor, self._pace = sensor.name, sensor, Pace(sensor, tick, "ticks")
         self._exact, self._tick, self._robots = View(fleet, tick, sensor), tick, np.arange(len(fleet.runs))
+        self.late = self._exact.late
         depth = self._pace.delay // self._pace.period + 2
         self._answers: np.ndarray | None = None  # (depth, robots, ...), by the number of the measurement
         self._depth, self._age = depth, np.zeros(len(fleet.runs), np.int64)
@@ -129,6 +138,11 @@ class Log:
         self.count = 0
         self._begun = np.zeros(len(runs), int)
 
+    @property
+    def late(self) -> np.ndarray:
+        """Which of the recorded numbers only a step computes."""
+        return self.runs[0].late if self.record else np.zeros(0, int)
+
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"runs": None, "_rows": self._rows[: self.count]}
 
@@ -147,8 +161,11 @@ class Log:
             self.count -= oldest
             self._begun -= oldest
 
-    def take(self, fleet: Fleet) -> None:
-        """Append the records of a tick except for the last one, which is the first of the next tick."""
+    def take(self, fleet: Fleet, seen: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+        """Append the records of a tick except for the last one, which is the first of the next tick.
+
+        seen: robots that began with this tick, and the states as they began.
+        """
         more = self.runs[0].samples - 1
         if self.count + more > len(self._rows):
             grown = np.zeros((2 * len(self._rows) + 64 * more, *self._rows.shape[1:]))
@@ -158,6 +175,8 @@ class Log:
         for group in fleet.groups:
             for k in range(more):
                 group.read(group.out[:, k, : part.shape[2]], part[k])
+        if seen is not None and more:
+            _put_first(seen, self.runs[0], part[0])
         self.count += more
 
     def trajectory(self, robot: int, fleet: Fleet) -> Trajectory:
@@ -166,7 +185,10 @@ class Log:
         group = next(group for group in fleet.groups if robot in group.robots)
         at = divmod(int(np.flatnonzero(group.robots == robot)[0]), group.lanes)
         y = group.y[at[0], :, at[1]].copy()
-        out = np.concatenate([self._rows[self._begun[robot] : self.count, robot], y[None, run.channels]])
+        last = y[None, run.channels]
+        if fleet.seen is not None and robot in fleet.seen[0]:
+            last[0, run.late] = fleet.seen[1][robot, run.channels[run.late]]
+        out = np.concatenate([self._rows[self._begun[robot] : self.count, robot], last])
         steps = (len(out) - 1) * run.plan.per_sample
         if int(y[run.scene.layout["status"]]) == OK:
             steps = int(group.steps[at] - group.begun[at])

@@ -54,9 +54,29 @@ def ranges(scene: CompiledScene, trajectory: Trajectory | Mapping[str, np.ndarra
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     instance("sensor", sensor, RangeSensor, "give a RangeSensor")
     names, *poses = link_poses(scene, trajectory)
-    found = _cast(scene, names, poses, sensor, list(_solids(scene, names)))
+    body = _body_of(scene, sensor.link)
+    solids = [one for one in _solids(scene, names) if not one.moves or _body_of(scene, one.link) != body]
+    found = _cast(scene, names, poses, sensor, solids)
+    if sensor.link != WORLD and (found == 0.0).any():  # it may begin within another shape of its robot, its housing
+        robot = _robot_of(scene, sensor.link)
+        own = [one.moves and _robot_of(scene, one.link) == robot for one in solids]
+        found = _cast(scene, names, poses, sensor, [one for one, is_own in zip(solids, own) if not is_own])
+        for one in itertools.compress(solids, own):
+            far = _cast(scene, names, poses, sensor, [one])
+            found = np.minimum(found, np.where(far > 0.0, far, np.inf))
     found = found.min(axis=1, keepdims=True) if sensor.nearest else found
     return sensor.voltage(found) if sensor.curve else found
+
+
+def _body_of(scene: CompiledScene, link: str) -> int | None:
+    """Return the rigid body that a link is part of, with those that are fixed to it; None for the world."""
+    placed = scene.tree.placements.get(link)
+    return None if placed is None else placed.row
+
+
+def _robot_of(scene: CompiledScene, link: str) -> str:
+    """Return the robot or object that a link is of."""
+    return link.partition("/")[0] if scene.members else ""
 
 
 def rays_of(scene: CompiledScene, channels: Mapping[str, np.ndarray], most: int = 48) -> np.ndarray | None:
@@ -139,8 +159,7 @@ def _cast(
     mounted = sensor.mounted
     out, count = np.zeros((len(poses[0]), len(mounted))), len(shapes.table)
     room, rays = Room(np.zeros((count, 9)), np.zeros((count, 3)), np.zeros((4, 3))), np.zeros((2, 8, len(mounted)))
-    hidden = -1 if sensor.link == WORLD else carrier
-    cast_rays(shapes, room, *poses, carrier, hidden, mounted, sensor.reach, rays, out)
+    cast_rays(shapes, room, *poses, carrier, -1, mounted, sensor.reach, rays, out)
     return out
 
 

@@ -76,8 +76,7 @@ def gyroscope(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
 def accelerometer(scene: CompiledScene, trajectory: Trajectory, position: ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
     """Read an accelerometer on the trunk.
 
-    An acceleration is the mean over the step before the sample: the first sample of a run from rest, before any step,
-    reads gravity alone.
+    An acceleration is the mean over the step before the sample, in the first sample of a run that at its start.
 
     Parameters
     ----------

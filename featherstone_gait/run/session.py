@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, floats, instance, listed, one_of, real, shown, truth, whole
 from ..base.brief import clipped, in_full
-from ..base.files import FilePath, Format, complete, read_arrays
+from ..base.files import FilePath, Format, check_sound, complete, read_arrays
 from ..core.effects.push import EVENT_MARGIN
 from ..core.integrate.rollout import OK
 from ..scene.channels import StateView
@@ -334,6 +334,7 @@ class Session:
                 states[:, at] = given
                 for group in fleet.groups:
                     group.write_state(who, states, slice(at, at + 1))
+            self._look()
             return self._observed()
 
     def set_push(self, number: int, push: Push) -> Observation:
@@ -371,6 +372,7 @@ class Session:
             self._first_pushes = tables[0].copy() if self._first_pushes is None else self._first_pushes
             for table in tables:
                 table[number] = found[0]
+            self._look()
             return self._observed()
 
     def _push_tables(self) -> list[np.recarray]:
@@ -418,12 +420,13 @@ class Session:
             time.sleep(due - now)
 
     def _go_on(self, command: np.ndarray | None, ticks: int) -> None:
+        begin = self._fresh.copy() if self._any_fresh and len(self._log.late) else None
         if self._any_fresh:
             command = self._first(command)
         elif command is None:
             command = self._issued[self._ticks % len(self._issued)].copy()
-        for _ in range(ticks):
-            self._tick(command)
+        for k in range(ticks):
+            self._tick(command, begin if k == 0 else None)
 
     def _undo(self) -> Callable[[], None]:
         """Return what undoes later steps, where a controller raises an exception in one."""
@@ -445,7 +448,7 @@ class Session:
 
         return undo
 
-    def _tick(self, command: np.ndarray) -> None:
+    def _tick(self, command: np.ndarray, begin: np.ndarray | None = None) -> None:
         self._ticks += 1
         depth = len(self._issued)
         self._issued[self._ticks % depth] = command
@@ -453,7 +456,7 @@ class Session:
             seen = self._issued[(self._ticks - self._one_lag) % depth]
         else:
             seen = self._issued[(self._ticks - self._lags) % depth, self._robots]
-        noise, stops = self._issued, []
+        noise, stops, first = self._issued, [], None
         if self._deviations is not None:  # (n, joints, 2)
             draws = [draw.standard_normal((self.scene.tree.n, 2)) for draw in self._draws]
             noise = np.array(draws) * self._deviations
@@ -462,12 +465,14 @@ class Session:
                 group.write(group.command, seen)
                 if group.noise is not None:
                     group.write(group.noise, noise)
+            if begin is not None and fleet is self._fleets[0]:
+                first = fleet.at_start(begin)
             try:
                 fleet.tick()
             except KeyboardInterrupt as stop:  # raised once records and second runs are as far
                 stops.append(stop)
         if self._log.record:
-            self._log.take(self._fleets[0])
+            self._log.take(self._fleets[0], first)
         self._measure()
         if len(self._fleets) > 1:
             self._inaccurate |= self._beyond_limit()
@@ -493,19 +498,40 @@ class Session:
             raise ValueError(f"action has a duty cycle of {size:g}; they are from -1 to 1: divide by the supply")
         return values
 
+    def _held(self) -> np.ndarray:
+        """Return the last command, in which robots without one hold their positions, or have no force."""
+        fresh, command = self._fresh, self._issued[self._ticks % len(self._issued)].copy()
+        if self.action == "reference":
+            first, end = self.scene.part("q")
+            command[fresh, : end - first] = self.state[fresh, first:end]
+            if self.scene.commanded > end - first:
+                lengths = [driven_lengths(self.scene, y) for y in self.state[fresh]]
+                command[fresh, end - first :] = np.reshape(lengths, (-1, self.scene.commanded - (end - first)))
+        else:
+            command[fresh] = 0.0
+        return command
+
+    def _look(self) -> None:
+        """Find with what forces and accelerations robots at their start begin, while they are told nothing."""
+        fleet = self._fleets[0]
+        fleet.seen = None
+        if not (self._any_fresh and any(len(one.late) for one in (*self._views, self._log))):
+            return
+        part, command, states = slice(*self.scene.part("last_error")), self._held(), fleet.states()
+        _write_first_errors(fleet, self._fresh, command)
+        for group in fleet.groups:
+            group.write(group.command, command)
+            if group.noise is not None:
+                group.noise[...] = 0.0
+        fleet.seen = fleet.at_start(self._fresh)
+        for group in fleet.groups:
+            group.write_state(self._fresh, states, part)
+
     def _first(self, command: np.ndarray | None) -> np.ndarray:
         """Return the command of a step in which some robots begin, who have had it ever since."""
-        fresh, depth = self._fresh, len(self._issued)
+        fresh = self._fresh
         if command is None:
-            command = self._issued[self._ticks % depth].copy()
-            if self.action == "reference":
-                first, end = self.scene.part("q")
-                command[fresh, : end - first] = self.state[fresh, first:end]
-                if self.scene.commanded > end - first:
-                    lengths = [driven_lengths(self.scene, y) for y in self.state[fresh]]
-                    command[fresh, end - first :] = np.reshape(lengths, (-1, self.scene.commanded - (end - first)))
-            else:
-                command[fresh] = 0.0
+            command = self._held()
         self._issued[:, fresh] = command[fresh]
         for fleet in self._fleets:
             _write_first_errors(fleet, fresh, command)
@@ -533,6 +559,7 @@ class Session:
 
     def _measure(self, begun: np.ndarray | None = None) -> None:
         """Let sampled sensors measure where they are due; begun (n,) bool: robots that are at a start."""
+        self._look()
         for view in self._sampled:
             view.take(self.time, begun)
 
@@ -652,6 +679,9 @@ class Session:
                     f"{Path(path)}: it is of another scene: some number of the robot, ground, gravity, servos, seed, "
                     f"noise, pushes, tolerances or controller differs; {REMAKE}"
                 )
+            for name, values in kept.items():
+                if values.dtype.kind == "f" and not name.startswith("answers"):  # sensors may see nothing
+                    check_sound(path, name, values)
             self._take(kept)
             self._log.restart(np.ones(self.n, bool))
             return self._observed()

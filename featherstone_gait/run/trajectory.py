@@ -12,7 +12,7 @@ import numpy as np
 
 from ..base.arguments import shown
 from ..base.brief import some
-from ..base.files import FilePath, Format, complete_together, is_number, read_arrays, read_json
+from ..base.files import FilePath, Format, check_sound, complete_together, is_number, read_arrays, read_json
 from ..core.step.state import BY_NAME, shaped
 from ..model import Model
 from ..scene.channels import Share, StateView, column_of, owned
@@ -210,7 +210,8 @@ class Trajectory(Mapping[str, np.ndarray]):
         Raises
         ------
         ValueError
-            A file is damaged, holds something else, or has a format that this version does not read.
+            A file is damaged, holds something else, or has a format that this version does not read.  So is one with
+            NaN, or with infinity where a run has none; distances of sensors and of shapes may be infinite, errors too.
         OSError
             A file cannot be opened.
         """
@@ -224,6 +225,7 @@ class Trajectory(Mapping[str, np.ndarray]):
             {name.removeprefix(kind): values for name, values in arrays.items() if name.startswith(kind)}
             for kind in ("channel_", "error_")
         )
+        _check_numbers(data, channels, error, [final] if second is None else [final, second])
         parts = None if parts is None else _parts(text, parts, len(final))
         estimated: Any = error or None
         return cls(channels, final=final, error=estimated, parts=parts, second_final=second, **described)
@@ -343,6 +345,19 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
                 f"{path}: the array {name!r} of {values.dtype} has shape {values.shape}; expected channels and errors "
                 "of numbers, all with equally many samples: take an undamaged copy, or simulate again"
             )
+
+
+def _check_numbers(
+    path: Path, channels: dict[str, np.ndarray], errors: dict[str, np.ndarray], states: list[np.ndarray]
+) -> None:
+    """Raise ValueError for numbers that no run has: what sensors read in the air may be none."""
+    for values in states:
+        check_sound(path, "the final state", values)
+    for name, values in channels.items():
+        if name == "time" or name in BY_NAME:
+            check_sound(path, f"channel {name!r}", values, name == "clearance")
+    for name, values in errors.items():
+        check_sound(path, f"the error of {name!r}", values, infinite=True)
 
 
 def _parts(path: Path, parts: Any, length: int) -> dict[str, tuple[int, int]]:

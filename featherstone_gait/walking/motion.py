@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import floats, texts, truth, whole
 from ..base.arguments import path as path_of
 from ..base.brief import brief
-from ..base.files import FilePath, read_arrays
+from ..base.files import FilePath, check_sound, read_arrays
 from ..model import Ground, Model
 from ..run.reference import Reference
 from ..scene.contact import standing_height
@@ -176,6 +176,8 @@ def _of_arrays(path: Path, joint_names: Sequence[str] | None, first: bool) -> Mo
         odd = ", ".join(sorted({*names} ^ {*wanted}))
         raise ValueError(f"{path}: its joints are not those of joint_names: {odd}; name the robot (--robot)")
     columns = [names.index(name) for name in wanted]
+    for name in (of, "start"):
+        check_sound(path, name, arrays[name])
     try:
         return motion_of(Gait(wanted, poses[:, columns], float(arrays["period"])), arrays["start"][:, columns])
     except (ValueError, IndexError) as error:

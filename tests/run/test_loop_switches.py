@@ -176,9 +176,7 @@ def test_loops_that_cannot_close_together_are_refused():
 @pytest.mark.parametrize("added", [0.0, 0.5])
 def test_a_loop_is_not_made_where_a_fluid_adds_mass(added):
     drag = Immersed("light", Sphere(0.05), buoyant=False, drag=0.5, added_mass=added)
-    scene = compile_scene(
-        replace(sliders(), immersed=(drag,)), integrator="rk4", timestep=1e-3, fluid=Fluid(1000.0)
-    )
+    scene = compile_scene(replace(sliders(), immersed=(drag,)), integrator="rk4", timestep=1e-3, fluid=Fluid(1000.0))
     start = initial_state(scene, [0.0, 0.5], [2.0, 0.0], open_loops=["lock"])
     if added:
         with pytest.raises(ValueError, match=r"'lock' would be made by an impact that knows no added mass"):

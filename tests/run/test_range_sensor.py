@@ -14,6 +14,9 @@ from featherstone_gait import (
     Ground,
     HeightField,
     Hull,
+    Joint,
+    Link,
+    Model,
     Placed,
     RangeSensor,
     Reference,
@@ -219,6 +222,30 @@ def test_a_scanner_on_a_link_turns_with_it_and_does_not_see_the_link():
         ahead = along[:, 0] > 0.1
         np.testing.assert_allclose(found[ahead, k], wanted[ahead], rtol=1e-12)
     assert ahead.any()
+
+
+def test_a_lidar_sees_out_of_the_housing_of_its_own_robot():
+    """On a mast fixed to a base, or turning within its dome, it sees the wall; so it does past shapes beside it.
+
+    A shape of its robot that it does not begin in hides what is behind; one of another robot reads 0.
+    """
+    links = tuple(Link(name, 1.0, inertia=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1)) for name in ("base", "mast", "head", "arm"))
+    joints = (
+        Joint("post", "fixed", "base", "mast", xyz=(0.0, 0.0, 0.3)),
+        Joint("turn", "revolute", "mast", "head"),
+        Joint("swing", "revolute", "base", "arm", xyz=(0.0, 0.5, 0.3)),
+    )
+    shapes = tuple(Shape(name, Sphere(r)) for name, r in (("base", 0.5), ("mast", 0.1), ("arm", 0.05)))
+    robot = Model("car", links, joints, shapes=shapes)
+    wall = Placed(body(Box((0.2, 40.0, 40.0)), 1.0, base="fixed"), "wall", (3.0, 0.0, 0.0))
+    alone, still = compile_scene(robot), {"q": np.zeros((1, 2))}
+    room = compile_scene(SceneModel("room", [Placed(robot, "car", (0.0, 0.0, 0.0))], [wall]))
+    for scene, head in ((alone, ""), (room, "car/")):
+        for link in ("base", "mast", "head"):
+            seen = ranges(scene, still, RangeSensor(f"{head}{link}", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))[0]
+            assert seen[0] == (math.inf if scene is alone else pytest.approx(2.9))
+            assert seen[1] == (math.inf if link == "base" else pytest.approx(0.45))
+        assert ranges(scene, still, RangeSensor("world", [[1.0, 0.0, 0.0]]))[0] == 0.0
 
 
 def test_a_fan_and_a_cone_are_spread_evenly():

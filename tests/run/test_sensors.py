@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scenes import G, arm_scene, box_on, resting, rotations, standing_humanoid, thrown
 
+from featherstone_gait import ContactSensor, Session, compile_scene, forward_dynamics, simulate_batch
 from featherstone_gait.dynamics import center_of_mass
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run import sensors
+from featherstone_gait.run.compiled_run import CompiledRun
 from featherstone_gait.run.simulate import Push, initial_state, simulate
 from featherstone_gait.run.trajectory import Trajectory
 
@@ -130,3 +132,46 @@ def test_what_cannot_be_read_is_said():
         sensors.gyroscope(arm_scene(), run)
     with pytest.raises(ValueError, match="no ground in this scene"):
         sensors.sole_forces(arm_scene(), run)
+
+
+# ------------------------------------------------------------------------------------------------ the first sample
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4", "dop853", "ars343", "extrapolation"])
+def test_the_first_sample_has_the_accelerations_of_the_start(integrator, monkeypatch):
+    """They are those of forward dynamics, alone, in lanes and in a session, and leave the run as it is."""
+    model, q, qd, tau = load_robot("arm7"), 0.3 * np.arange(7), np.full(7, 0.2), np.full(7, 0.1)
+    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
+    y = initial_state(scene, q, qd)
+    run = simulate(scene, 0.02, y, tau=tau, record=("qdd", "torque"), estimate_error=False)
+    wanted = forward_dynamics(model, q, qd, tau)
+    np.testing.assert_allclose(run["qdd"][0], wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
+    assert run["torque"][0] == pytest.approx(tau)
+    lanes = simulate_batch(scene, 0.02, [y] * 9, taus=[tau] * 9, record=("qdd",), estimate_error=False)
+    assert all(np.array_equal(one["qdd"][0], run["qdd"][0]) for one in lanes)
+    with Session(scene, n=3, observe=("qdd",), record=("qdd",)) as session:
+        free = session.reset(state=y)["qdd"]
+        np.testing.assert_allclose(free[2], forward_dynamics(model, q, qd, 0.0 * tau), rtol=0, atol=1e-4)
+        session.step(tau)
+        assert np.array_equal(session.trajectory(1)["qdd"][0], run["qdd"][0])
+    monkeypatch.setattr(CompiledRun, "begins", lambda self, y: False)
+    bare = simulate(scene, 0.02, y, tau=tau, record=("qdd", "torque"), estimate_error=False)
+    assert not bare["qdd"][0].any()
+    assert bare.final.tobytes() == run.final.tobytes()
+    assert np.array_equal(bare["qdd"][1:], run["qdd"][1:])
+
+
+@pytest.mark.long
+def test_what_touches_at_the_start_pushes_in_the_first_sample():
+    """Depth by stiffness on each corner of a box, by Newton its acceleration, and a switch that is closed."""
+    scene = compile_scene(load_robot("humanoid"), "mipsd", Ground(), "midpoint", 1e-3)
+    switch = ContactSensor("left_foot", name="touches")
+    run = simulate(scene, 0.02, record=("contact_force", "base_qdd", switch, "accelerometer"), estimate_error=False)
+    assert (run["contact_force"][0, :, 0] > 1.0).all()
+    assert run["touches"][0, 0] == 1.0
+    np.testing.assert_allclose(run["accelerometer"][0], run["base_qdd"][0, :3] + [0.0, 0.0, 9.81], atol=1e-6)
+    with Session(scene, n=9, observe=("contact_force", switch)) as session:
+        seen = session.observe()
+        assert np.array_equal(seen["contact_force"][3], run["contact_force"][0])
+        assert seen["touches"].all()

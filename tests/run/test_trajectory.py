@@ -109,3 +109,17 @@ def test_plotting_draws_a_panel_a_channel(run):
     assert [axes.get_ylabel().split()[0] for axes in figure.axes] == ["base_q", "contact_force"]
     assert all(len(axes.lines) > 0 for axes in figure.axes)
     matplotlib.pyplot.close(figure)
+
+
+@pytest.mark.parametrize("name", ["channel_base_q", "channel_contact_force", "channel_time", "error_base_qd", "final"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_file_with_what_is_no_number_is_refused_with_its_place(run, tmp_path, name, value):
+    run.save(tmp_path / "run")
+    with np.load(tmp_path / "run.npz") as data:
+        arrays = dict(data)
+    if name not in arrays or (name.startswith("error") and value == np.inf):
+        return  # errors may be infinite
+    arrays[name].reshape(len(arrays[name]), -1)[3, 0] = value
+    np.savez(tmp_path / "run.npz", **arrays)
+    with pytest.raises(ValueError, match=r"run\.npz: .*row 3, number 0 is (nan|inf)"):
+        Trajectory.load(tmp_path / "run")

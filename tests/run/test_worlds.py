@@ -271,6 +271,7 @@ def test_many_worlds_with_noise_in_all_lanes_of_all_cores(humanoid):
     for run, own, reference, noise in zip(runs, worlds.scenes(humanoid), references, noises):
         assert_same(run, simulate(own, 0.6, reference=reference, noise=noise, **how), RECORD)
 
+
 @pytest.mark.long
 def test_error_controlled_runs_take_their_own_scenes():
     scene = compile_scene(load_robot("ax12_arm"), "mipsd")
