@@ -8,9 +8,11 @@ their friction forces, as long as each point sticks,
 
 r = 1 cm.  Newton's method changes height and tilt alone; f and the rest of p follow by least squares.  Where nothing
 balances the base so, moments against rolling, by their coefficients, are among f.  Feet can squeeze the ground between
-them: of these solutions the one with the least joint torques and friction is taken.  So it is with loops: their forces
-are among f, and joints of such robots that have no motor have no torque.  The servo model is then inverted: torque to
-current to voltage to reference.
+them: of these solutions the one with the least joint torques and friction is taken.  Where that asks a contact for more
+friction than its load gives, others may take it over: whether any f keeps within all cones is decided exactly, by
+C. Lawson's iteration for the least largest share of friction, whose weights prove it where none does.  So it is with
+loops: their forces are among f, and joints of such robots that have no motor have no torque.  The servo model is then
+inverted: torque to current to voltage to reference.
 """
 
 from __future__ import annotations
@@ -63,6 +65,10 @@ NUDGE = 1e-3  # relative to the penetration, for derivatives by the pose
 SQUEEZE = 0.01  # r: lever that converts friction to torque [m]
 RANK = 1e-9  # of singular values relative to the largest, below which they count as zero
 ROUNDING = 1e-12  # of the weight
+HALVINGS = 30  # of a step of Newton's method
+HOLDING = 1e3  # as SQUEEZE, of friction that is to stay as it is [m]
+SHARINGS, BISECTIONS, ROUNDS = 1000, 40, 4  # most passes for the least largest share of friction, after it, of both
+MARGIN = 1e-7  # by which friction stays within its limits, where others could not take it over exactly
 STILL = 1e-8  # motion in a controller period [rad, m, and by the second]
 
 
@@ -152,9 +158,10 @@ def trim(
     Returns
     -------
     Trim
-        Its status is "ok"; "tips" if the contacts cannot carry the robot; "slips" if a contact needs more friction than
-        it has, or more against rolling; "touches" if a point of another link is in the ground; "too weak" if a servo
-        cannot hold its joint; or "moves" if the simulation does not stay at rest, as with voltages in counts.
+        Its status is "ok"; "tips" if the contacts cannot carry the robot; "slips" if no friction within the
+        limits of all contacts holds it, or rolling friction; "touches" if a point of another link is in the ground;
+        "too weak" if a servo cannot hold its joint; or "moves" if the simulation does not stay at rest, as with
+        voltages in counts.
 
     Raises
     ------
@@ -177,10 +184,16 @@ def trim(
     if scene.ground is None:
         raise ValueError(f"{model.name}: a floating base without ground falls; compile the scene with ground=Ground()")
     used = _used(scene, contacts)
-    laid = _laid(scene, at, used, LAYING if contacts is not None else 0)
-    at, force, wrong = _balanced(scene, laid, used)
+    passes = LAYING if contacts is not None else 0
+    laid = _laid(scene, at, used, passes)
+    at, force, wrong = found = _balanced(scene, laid, used)
     if wrong and _rolling(scene).any():  # moments that nothing needs could be more than there are
-        at, force, wrong = _balanced(scene, laid, used, rows=5)
+        at, force, wrong = found = _balanced(scene, laid, used, rows=5)
+    if wrong:  # upright on a slope is far from lying on it
+        leaning = _balanced(scene, _laid(scene, _leaning(scene, laid), used, passes), used)
+        at, force, wrong = found if leaning[2] else leaning
+    if not wrong:
+        at, force = _within_cones(scene, at, used, force)
     return _held(scene, at, force, wrong or _contact_fault(scene, at, used, force))
 
 
@@ -315,40 +328,37 @@ def _stiffness(scene: CompiledScene, name: str = "stiffness") -> np.ndarray:
 
 
 def _balanced(
-    scene: CompiledScene, q: np.ndarray, used: np.ndarray, rows: int = 3
+    scene: CompiledScene,
+    q: np.ndarray,
+    used: np.ndarray,
+    rows: int = 3,
+    aim: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, Fault]:
     """Solve for the posture (nq,) and contact forces (points, rows) that balance the base; return a fault or None too.
 
-    Of five rows the last two are moments against rolling by their coefficient [N].
+    Of five rows the last two are moments against rolling by their coefficient [N].  aim: friction of the points in use
+    (count, rows - 1) to stay as near to as balance allows; None: as small as the joints' torques.
     """
-    model, ground = scene.model, scene.ground
-    assert ground is not None
-    stiffness, chart = _stiffness(scene), chart_of(scene, ("base_q",))
+    model, chart = scene.model, chart_of(scene, ("base_q",))
     weight = model.mass * float(np.linalg.norm(scene.gravity))
-    count = int(used.sum())
-    f = np.zeros((count, rows - 1))
+    lever, aim = (SQUEEZE, np.zeros((int(used.sum()), rows - 1))) if aim is None else (HOLDING, aim)
+    f = aim.copy()
     scale, loads = _scale(scene), _loads(scene, q[None])
-    reduced, none = coupling_matrix(model).matrix, _idle(scene)
-    loops = -product(loop_jacobian(model, q), reduced) if model.loops else np.zeros((0, reduced.shape[1]))
     for _ in range(PASSES):
-        ways, loads = _nudged(scene, chart, q, loads, used)
-        normal = np.where(used, stiffness * np.maximum(loads.depth, 0.0), 0.0)[:, used]
-        J, on = loads.J[:, used, :rows], normal[0] > 0.0
-        f[~on] = 0.0  # what is in the air has no friction
-        total = loads.force - np.einsum("km,kmj->kj", normal, J[:, :, 0]) - np.einsum("mi,kmij->kj", f, J[:, :, 1:])
-        total = total @ reduced
-        by_pose = (total[1:4] - total[4:]).T / (2.0 * NUDGE)
-        by_friction = -((J[0, :, 1:] * on[:, None, None]).reshape(-1, model.nv) @ reduced).T
-        columns = np.concatenate([by_pose, by_friction, loops.T], axis=1)
-        columns = np.concatenate([columns, SQUEEZE * np.eye(3 + f.size, columns.shape[1])[3:]])
-        step = _least(columns, np.concatenate([total[0], SQUEEZE * f.ravel()]), none)
-        left = float(np.abs(total[0, :6]).max())
-        f = f + step[3 : 3 + f.size].reshape(f.shape)
+        ways, loads, total, columns = _unbalanced(scene, chart, q, f, used, loads)
+        columns = np.concatenate([columns, lever * np.eye(3 + f.size, columns.shape[1])[3:]])
+        step = _least(columns, np.concatenate([total, lever * (f - aim).ravel()]), _idle(scene))
+        left = float(np.abs(total[:6]).max())
         way = step[:3] / max(1.0, abs(step[0]) / LONGEST, np.abs(step[1:3]).max() * scale[1] / LARGEST)
-        q = _posed(scene, chart, q, (ways.T @ way)[:, None])[0]
+        f, before = f + step[3 : 3 + f.size].reshape(f.shape), q
+        for _ in range(HALVINGS):  # of a way that ends in the air, where nothing tells what is below
+            q = _posed(scene, chart, before, (ways.T @ way)[:, None])[0]
+            if _loads(scene, q[None]).depth[0, used].max() > 0.0:
+                break
+            way = 0.5 * way
         if left <= BALANCED * weight and np.abs(way).max() < 1e-6:
             break
-    loads = _loads(scene, q[None])
+    loads, stiffness = _loads(scene, q[None]), _stiffness(scene)
     force = np.zeros((len(used), rows))
     force[used, 0] = stiffness[used] * np.maximum(loads.depth[0, used], 0.0)
     force[used, 1:] = f
@@ -357,6 +367,32 @@ def _balanced(
         return q, force, None
     what = f"{float(np.abs(rest).max()):.3g} N or N m of the base are not in balance"
     return q, force, ("tips", f"{what}: the center of mass is not over what carries; give another posture or contacts")
+
+
+def _unbalanced(
+    scene: CompiledScene,
+    chart: Chart,
+    q: np.ndarray,
+    f: np.ndarray,
+    used: np.ndarray,
+    loads: _Loads,
+) -> tuple[np.ndarray, _Loads, np.ndarray, np.ndarray]:
+    """Return what is left of the forces (independent,), and its slopes by height, tilt, friction and loops.
+
+    Before them the directions of `_nudged`, and the loads.  f (count, rows - 1), which becomes 0 of what is in the air.
+    """
+    model, rows = scene.model, f.shape[1] + 1
+    reduced = coupling_matrix(model).matrix
+    ways, loads = _nudged(scene, chart, q, loads, used)
+    normal = (_stiffness(scene) * np.maximum(loads.depth, 0.0))[:, used]
+    J, on = loads.J[:, used, :rows], normal[0] > 0.0
+    f[~on] = 0.0
+    total = loads.force - np.einsum("km,kmj->kj", normal, J[:, :, 0]) - np.einsum("mi,kmij->kj", f, J[:, :, 1:])
+    total = total @ reduced
+    by_pose = (total[1:4] - total[4:]).T / (2.0 * NUDGE)
+    by_friction = -((J[0, :, 1:] * on[:, None, None]).reshape(-1, model.nv) @ reduced).T
+    loops = -product(loop_jacobian(model, q), reduced) if model.loops else np.zeros((0, reduced.shape[1]))
+    return ways, loads, total[0], np.concatenate([by_pose, by_friction, loops.T], axis=1)
 
 
 def _laid(scene: CompiledScene, q: np.ndarray, used: np.ndarray, passes: int) -> np.ndarray:
@@ -375,6 +411,15 @@ def _laid(scene: CompiledScene, q: np.ndarray, used: np.ndarray, passes: int) ->
         loads = _loads(scene, q[None])
     up = loads.axes[0, used, 0].mean(axis=0) * (float(loads.depth[0, used].max()) - scene.ground.penetration)
     return np.concatenate([q[:3] + up, q[3:]])
+
+
+def _leaning(scene: CompiledScene, q: np.ndarray) -> np.ndarray:
+    """Return a posture whose base is turned with the ground under it, by what turns the vertical to its normal."""
+    assert scene.ground is not None
+    n = ground_under(scene.ground, q[None, :3])[0, :3]
+    (w, x, y), (a, b, c, d) = np.array([1.0 + n[2], -n[1], n[0]]) / np.sqrt(2.0 + 2.0 * n[2]), q[3:7]
+    turned = [w * a - x * b - y * c, w * b + x * a + y * d, w * c - x * d + y * a, w * d + x * c - y * b]
+    return np.concatenate([q[:3], turned, q[7:]])
 
 
 def _scale(scene: CompiledScene) -> np.ndarray:
@@ -429,13 +474,82 @@ def _idle(scene: CompiledScene) -> np.ndarray:
     return np.flatnonzero(~driven)
 
 
+def _within_cones(
+    scene: CompiledScene, q: np.ndarray, used: np.ndarray, force: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the posture and contact forces (points, 3 or 5) that balance the base within the limits of friction.
+
+    They are as near to those given as the limits allow on the way to the forces with the least largest share of
+    friction; these themselves where no forces keep within the limits.
+    """
+    for _ in range(ROUNDS):  # loads change a little with the friction
+        on = force[used, 0] > ROUNDING * float(force[:, 0].sum())
+        limits = _limits(scene, force)[used][on]
+        given = force[used, 1:][on].reshape(*limits.shape, 2)
+        if not (limits > 0.0).all() or (np.hypot(given[..., 0], given[..., 1]) <= limits).all():
+            break
+        _, _, _, columns = _unbalanced(
+            scene, chart_of(scene, ("base_q",)), q, force[used, 1:].copy(), used, _loads(scene, q[None])
+        )
+        carries = np.ones(columns.shape[1], dtype=bool)
+        carries[3 : 3 + force[used, 1:].size] = np.repeat(on, force.shape[1] - 1)
+        least = _least_share(given, limits, columns[_idle(scene)][:, carries])
+        low, high = 0.0, 1.0
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            f = given + middle * (least - given)
+            inside = (np.hypot(f[..., 0], f[..., 1]) <= (1.0 - MARGIN) * limits).all()
+            low, high = (low, middle) if inside else (middle, high)
+        aim = np.zeros_like(force[used, 1:])
+        aim[on] = (given + high * (least - given)).reshape(len(given), -1)
+        at, found, wrong = _balanced(scene, q, used, force.shape[1], aim)
+        if wrong:
+            break
+        q, force = at, found
+        if (np.hypot(least[..., 0], least[..., 1]) > limits).any():
+            break
+    return q, force
+
+
+def _least_share(given: np.ndarray, limits: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Return friction (points, kinds, 2) of the same effect as that given, with the least largest share of its limits.
+
+    limits (points, kinds) [N]; slopes of what must stay, by height, tilt, friction and loops.  It ends where all are
+    within the limits, and where the weighted mean of squares, at most that of the least largest share, is above 1.
+    """
+    sizes = np.linalg.norm(slopes, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    _, s, V = np.linalg.svd(slopes / sizes)
+    free = (V / sizes)[int((s > RANK * s.max(initial=0.0)).sum()) :, 3 : 3 + given.size].T
+    weights, least, best = np.full(limits.shape, 1.0 / limits.size), given, np.inf
+    for _ in range(SHARINGS):
+        by = np.repeat(np.sqrt(weights) / limits, 2)
+        change = np.linalg.lstsq(by[:, None] * free, -by * given.ravel(), rcond=RANK)[0]
+        f = given + (free @ change).reshape(given.shape)
+        share = np.hypot(f[..., 0], f[..., 1]) / limits
+        if share.max() < best:
+            least, best = f, float(share.max())
+        if best <= 1.0 - 2.0 * MARGIN or float(np.sum(weights * share**2)) > 1.0 or not share.max() > 0.0:
+            break
+        weights = weights * share
+        weights /= weights.sum()
+    return least
+
+
+def _limits(scene: CompiledScene, force: np.ndarray) -> np.ndarray:
+    """Return how much friction [N] contacts have, and as much rolling friction, by its coefficient (points, 1 or 2)."""
+    normal = force[:, :1]
+    slides = _stiffness(scene, "friction")[:, None] * normal
+    return slides if force.shape[1] == 3 else np.hstack([slides, normal])
+
+
 def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force: np.ndarray) -> Fault:
     """Return status and message of contacts that slip, or touch and should not; None if there are none."""
     depth = _loads(scene, q[None]).depth[0]
     for k, point in enumerate(scene.model.contacts):
         if not used[k] and depth[k] > 0.0:
             return "touches", f"contact {k} of {point.link} is {depth[k]:.3g} m in the ground; name it, or lift it"
-        along, most = float(np.hypot(*force[k, 1:3])), float(_stiffness(scene, "friction")[k] * force[k, 0])
+        along, most = float(np.hypot(*force[k, 1:3])), float(_limits(scene, force)[k, 0])
         if along > most + ROUNDING * float(force[:, 0].sum()):
             what = f"contact {k} of {point.link} needs {along:.3g} N of friction; there are {most:.3g} N"
             return "slips", f"{what}: give more friction, or another posture"

@@ -20,9 +20,10 @@ lacks lasts for many samples.  So s^2 J'J in the middle of the sandwich (J'J)^-1
 J'VJ, V the covariance of noise that is an autoregression over time (`estimate.py`), where that widens the interval.
 What a fit takes away from slow noise is put back: without that, and with the weights of Newey & West (1987), noise
 correlated over 50 ms left 95 % intervals that held in 60 to 85 of 100 trials.  The quantile is Student's t for the
-number of independent samples.  An encoder step adds step^2 / 12 to the variance, as independent noise, if the joint moves over many steps or the noise is half a step or more; at rest
-under less noise it is a bias that no interval knows: record motions, not rests.  Intervals hold for a model that has
-the servo's physics; `prediction_error` on a recording left out tells whether it has.
+number of independent samples.  An encoder step adds step^2 / 12 to the variance, as independent noise, if the joint
+moves over many steps or the noise is half a step or more; at rest under less noise it is a bias that no interval knows:
+record motions, not rests.  Intervals hold for a model that has the servo's physics; `prediction_error` on a recording
+left out tells whether it has.
 """
 
 from __future__ import annotations

@@ -117,6 +117,41 @@ def test_a_box_on_a_slope_leans_on_friction_or_slips():
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("edge", [(0.4, 0.4, 0.4), (0.4, 0.3, 0.1)])
+@pytest.mark.parametrize("friction", [0.3, 1.5])
+def test_a_box_stands_up_to_the_angles_of_friction_and_tipping(edge, friction):
+    """It slips from tan a = mu on, however its corners share the load, and tips from where its center is over an edge.
+
+    Where it tips depends on how far the ground gives way, by less than 2 %.  Runs from what is found stay there.
+    Given level, or turned in its plane, it is laid on the slope.
+    """
+    slides, tips = math.atan(friction), math.atan(edge[0] / edge[2])
+    for slope in (0.0, 0.2, 0.4, 0.7, 0.98 * tips, 1.02 * tips, *(slides * k for k in (0.98, 0.999, 1.001, 1.02))):
+        scene = box_on(Ground(slope=slope, friction=friction), model=box(size=edge))
+        for turned in (0.0, 0.5) if slope < 0.6 * tips else (0.0,):
+            q = [0.0, 0.0, 0.5, math.cos(turned / 2), 0.0, 0.0, math.sin(turned / 2)]
+            found = trim(scene, q)
+            if slope > tips:
+                assert found.status == "tips", (slope, found.message)
+            else:
+                assert found.status == ("ok" if slope < slides else "slips"), (slope, found.message)
+            shares = np.hypot(*found.contact_force[:, 1:].T) - friction * found.contact_force[:, 0]
+            assert not found.ok or shares.max() <= 1e-9 * G
+            assert not found.ok or moved(scene, found, 0.2) < 1e-6
+
+
+@pytest.mark.long
+def test_a_humanoid_stands_on_a_slope_up_to_the_angle_of_friction():
+    """Its feet share the friction by their load, beyond what the least torques would ask of them."""
+    model, slope = load_robot("humanoid"), 0.15
+    for share, status in ((1.01, "ok"), (0.99, "slips")):
+        ground = Ground(slope=slope, friction=share * math.tan(slope))
+        scene = compile_scene(model, None, ground, "implicit_euler", 1e-3)
+        found = trim(scene)
+        assert found.status == status, found.message
+
+
+@pytest.mark.long
 def test_a_spring_carries_its_share():
     """One from the ceiling to the rod's end: its moment about the hinge adds to that of gravity."""
     model = pendulum(length=0.5, mass=1.0)
