@@ -221,7 +221,9 @@ def check_sound(path: FilePath, name: str, values: np.ndarray, infinite: bool = 
     """Raise ValueError, with the row, for an array of a file that holds NaN, or infinity unless it may."""
     import numpy as np
 
-    values = values.astype(float).reshape(len(values), -1) if values.ndim else values.astype(float).reshape(1, 1)
+    if not values.size:
+        return
+    values = values.astype(float).reshape(len(values) if values.ndim else 1, -1)
     wrong = np.argwhere(np.isnan(values) if infinite else ~np.isfinite(values))
     if len(wrong):
         row, column = wrong[0].tolist()

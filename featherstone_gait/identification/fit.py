@@ -108,6 +108,13 @@ class Identification(Fit):
         )
 
 
+def _most(start_range: float | None) -> float:
+    """Return how far the joint may start from the first recorded angle [rad]."""
+    if start_range is None:
+        return math.inf
+    return real("start_range", start_range, 0.0, LARGEST_ANGLE, "give the encoder's step [rad], 0, or None")
+
+
 def identify(
     model: Model | Sequence[Model],
     recordings: Sequence[Recording],
@@ -160,9 +167,7 @@ def identify(
     truth("progress", progress)
     if not (is_real(confidence) and 0 < confidence < 1):
         raise ValueError(f"confidence is {shown(confidence)}; give a share between 0 and 1, such as 0.95")
-    most = math.inf if start_range is None else start_range
-    if start_range is not None:
-        most = real("start_range", start_range, 0.0, LARGEST_ANGLE, "give the encoder's step [rad], 0, or None")
+    most = _most(start_range)
     real("voltage_weight", voltage_weight, 0.0, 1e12, "0 fits angles alone")
     if voltage_weight and any(recording.voltage is None for recording in recordings):
         raise ValueError("voltage_weight: a recording has no voltage; leave the weight 0, or record it")

@@ -173,6 +173,8 @@ def test_what_is_called_in_python_does_what_is_compiled(walk, scene):
     command = np.zeros((scene.tree.n, 2))
     for k in range(len(found["time"]) - 1):
         seen = {name: found[name][k] for name in ("base_q", "base_qd", "base_qdd", "q")}
+        if k == 0:  # before the first step nothing is known of accelerations; their record is that of an instant later
+            seen["base_qdd"] = np.zeros_like(seen["base_qdd"])
         law.balance(0.01 * k, State(*[empty] * len(State._fields))._replace(**seen), command, command, memory)
         volts = np.clip(gain * (command[:, 0] - found["q"][k]), -most, most)
         assert np.abs(volts - found["voltage"][k]).max() < 1e-9
