@@ -10,6 +10,7 @@ measured over 8 strides after 2: of 16 gaits that were optimized over 4 strides 
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -34,6 +35,7 @@ MAX_MISS = 20
 BATCH = 16  # candidates evaluated at once where lanes cannot be at different times
 MOST_MORE = 2  # times that a descent is prolonged by half of its steps while no gait keeps all limits
 STARTS = 8  # of the cheapest candidates, that a descent may begin with
+_log = logging.getLogger(__name__)
 
 
 def search(job: Job, start: Start) -> OptimizeResult:
@@ -44,6 +46,7 @@ def search(job: Job, start: Start) -> OptimizeResult:
         result = optimize_with_limits(start.searched, start.watch, job.history, iterations=options.iterations, **how)
     else:
         result = optimize_gait(start.searched, iterations=options.iterations, history=job.history, **how)
+        _set_aside(job.history, result)
     if not np.isfinite(result.fun):
         cheapest = start.plan == "cheapest"
         remedy = "stronger servos (--servo generic:4)" if cheapest else "the cheapest plan (--plan cheapest)"
@@ -112,7 +115,8 @@ def optimize_with_limits(
 
     The descent (`walking.descent`) begins with the cheapest candidate that walks where runs with chatter are repeated.
     While none of the gaits that it tries keeps all limits on the robot's own ground, it makes half as many steps more,
-    at most `MOST_MORE` times.
+    at most `MOST_MORE` times.  A search that is resumed with more iterations goes on to their half; the descent begins
+    anew, from the gait that is the cheapest then, and the history of the old one is kept beside it as *.old.
 
     Parameters
     ----------
@@ -140,6 +144,7 @@ def optimize_with_limits(
         As `optimize_gait`.
     """
     first = optimize_gait(cost, iterations=iterations // 2, history=history, **how)
+    _set_aside(history, first)
     steps = (iterations - first.nit - 1) // WORK
     if steps < 0 or not first.success:
         return first
@@ -158,6 +163,18 @@ def optimize_with_limits(
     counts = {"nit": first.nit + WORK * result.nit, "nfev": first.nfev + -(-result.nfev // len(cost.scenes))}
     kept = {key: first[key] for key in ("wasted", "occupancy")} | {"since": first.nit + 1}
     return OptimizeResult({**result, **counts, **kept, "history": both, "limited": result})
+
+
+def _set_aside(history: Path, result: OptimizeResult) -> None:
+    """Set histories aside that began where a shorter search had ended, if this one has gone on from there."""
+    if 0 < result.resumed < result.nit + 1:
+        for old in (beside(history, "limits"), beside(history, "feedback")):
+            if old.exists():
+                kept = old.replace(old.with_name(f"{old.name}.old"))
+                _log.warning(
+                    "%s: it began where %d candidates had ended; the search is longer now, it begins anew, and the old "
+                    "one is kept as %s", old, result.resumed - 1, kept.name,
+                )  # fmt: skip
 
 
 def _keeps_all(cost: CostInWorlds, watch: Watch, tried: Mapping[str, np.ndarray]) -> bool:

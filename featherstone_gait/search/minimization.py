@@ -63,16 +63,18 @@ def minimize(
         File of JSON lines, each written before the next candidate is visited.
     resume : bool
         Whether to continue the search of `history`, if there is one, to the same states and the same file as if it had
-        not been interrupted.  Only max_iterations and no_progress may differ.
+        not been interrupted.  Only max_iterations and no_progress may differ: no candidate depends on them, so that a
+        larger one makes the search longer.
     progress : bool
         Whether to show a progress bar.
 
     Returns
     -------
     scipy.optimize.OptimizeResult
-        x, fun, nit (candidates after x0), nfev (evaluations begun), wasted (those that were not visited), success,
-        status (a key of `annealing.MESSAGES`), message, and history: arrays x (nit + 1, D), f, miss and accepted.  A
-        KeyboardInterrupt ends the search with what was found.
+        x, fun, nit (candidates after x0), nfev (evaluations begun), wasted (those that were not visited; of a resumed
+        search since then), resumed (how many visits come from the history), success, status (a key of
+        `annealing.MESSAGES`), message, and history: arrays x (nit + 1, D), f, miss and accepted.  A KeyboardInterrupt
+        ends the search with what was found.
 
     Raises
     ------
@@ -94,6 +96,7 @@ def minimize(
     progress, resume = truth("progress", progress), truth("resume", resume)
     history = None if history is None else path("history", history)
     log = None if history is None else AnnealingHistory(Path(history), search, resume)
+    resumed = len(search.visited)
     steps = _in_batches(search, fun, map, batch) if evaluate is None else _speculating(search, evaluate)
     bar = progress_bar(total=max_iterations + 1, initial=search.iteration, progress=progress, unit="candidate")
     status: int | None = 2
@@ -105,12 +108,12 @@ def minimize(
             bar.update(search.iteration - bar.n)
             if any(visit.accepted for visit in visits):
                 bar.set_postfix(best=search.best_f)
-                if callback is not None and callback(_result(search, None)):
+                if callback is not None and callback(_result(search, None, resumed)):
                     status = 3
                     break
         else:
             status = search.status
-    return _result(search, status)
+    return _result(search, status, resumed)
 
 
 def _in_batches(search: AdaptiveSimulatedAnnealing, fun: Cost | None, map: Map, batch: int) -> Generator[list[str]]:
@@ -124,7 +127,7 @@ def _in_batches(search: AdaptiveSimulatedAnnealing, fun: Cost | None, map: Map, 
 
 def _speculating(search: AdaptiveSimulatedAnnealing, evaluate: Callable[[Speculation], object]) -> Generator[list[str]]:
     """Let `evaluate` run in a thread of its own; yield the status of each visited candidate."""
-    candidates, before = Speculation(search), search.wasted - len(search.visited)
+    candidates, before = Speculation(search), search.wasted + len(search.visited)
     with ThreadPoolExecutor(1) as pool:
         done = pool.submit(evaluate, candidates)
         done.add_done_callback(lambda _: candidates.close())
@@ -141,7 +144,7 @@ def _speculating(search: AdaptiveSimulatedAnnealing, evaluate: Callable[[Specula
         raise RuntimeError("evaluate returned before the search was over")
 
 
-def _result(search: AdaptiveSimulatedAnnealing, status: int | None) -> OptimizeResult:
+def _result(search: AdaptiveSimulatedAnnealing, status: int | None, resumed: int) -> OptimizeResult:
     visited = search.visited
     arrays = {
         name: np.array([getattr(visit, name) for visit in visited], dtype=bool if name == "accepted" else float)
@@ -152,5 +155,6 @@ def _result(search: AdaptiveSimulatedAnnealing, status: int | None) -> OptimizeR
     message = ("running" if status is None else MESSAGES[status]) if found else "no candidate had a finite cost"
     return OptimizeResult(
         x=search.best_x.copy(), fun=search.best_f, nit=max(0, len(visited) - 1), nfev=len(visited) + search.wasted,
-        wasted=search.wasted, success=found and status in (0, 1), status=status, message=message, history=arrays,
+        wasted=search.wasted, resumed=resumed, success=found and status in (0, 1), status=status, message=message,
+        history=arrays,
     )  # fmt: skip

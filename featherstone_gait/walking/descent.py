@@ -288,8 +288,9 @@ class _History:
         remedy = "resume with the settings it was begun with, or delete it"
 
         def check(found: dict[str, Any], what: str) -> None:
+            other = [key for key in header if found.get(key) != header[key]]
             if found != header:
-                raise ValueError(f"{what}: the history is of another search; {remedy}")
+                raise ValueError(f"{what}: the history is of another search ({', '.join(other)} differs); {remedy}")
 
         take = lambda content, *_: self.lines.append(content)  # noqa: E731
         self._file = None if path is None else LineFile(Path(path), resume, header, check, take, remedy)

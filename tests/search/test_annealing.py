@@ -245,6 +245,14 @@ def test_an_interrupt_ends_threads_and_keeps_what_was_visited(tmp_path):
     assert_same_visits(resumed, minimize(rosenbrock, np.zeros(5), **SETTINGS))
 
 
+def test_a_resumed_search_counts_what_it_wastes_itself(tmp_path):
+    """One thread evaluates the next candidate alone, so that none is wasted."""
+    settings = SETTINGS | {"evaluate": in_threads(1), "history": tmp_path / "history"}
+    minimize(None, np.zeros(5), **{**settings, "max_iterations": 20})
+    resumed = minimize(None, np.zeros(5), resume=True, **settings)
+    assert (resumed.resumed, resumed.wasted, resumed.nfev) == (21, 0, resumed.nit + 1)
+
+
 def test_a_batch_ends_where_the_search_ends():
     settings = {**SETTINGS, "no_progress": 25}
     one, many = (minimize(sphere, np.ones(3), batch=batch, **settings) for batch in (1, 64))

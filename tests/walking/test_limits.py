@@ -162,7 +162,7 @@ def test_a_descent_is_the_better_at_its_price_the_longer_it_goes_and_goes_on_fro
     at_once = descend(plain, watch, steps=2)
     assert np.array_equal(on.history["x"], at_once.history["x"])
     assert np.array_equal(on.x, at_once.x)
-    with pytest.raises(ValueError, match="another search"):
+    with pytest.raises(ValueError, match=r"another search \(seed differs\)"):
         descend(plain, watch, steps=2, seed=1, history=history, resume=True)
     with pytest.raises(FileExistsError, match="resume"):
         descend(plain, watch, steps=2, history=history)
@@ -191,11 +191,26 @@ def test_a_search_with_limits_begins_where_the_one_for_energy_ends(cost, watch, 
     assert "limited" not in optimize_with_limits(plain, watch, tmp_path / "none.jsonl", iterations=0)
 
 
+def test_a_search_with_limits_is_made_longer_to_the_bits_of_one_that_was_as_long_at_once(cost, watch, tmp_path, caplog):
+    """Its descent begins anew where the longer search ends, and the old one's history is kept."""
+    plain, history, begun = in_worlds(cost, 2), tmp_path / "gait_history.jsonl", tmp_path / "gait_limits_history.jsonl"
+    optimize_with_limits(plain, watch, history, iterations=6)
+    old = begun.read_bytes()
+    longer = optimize_with_limits(plain, watch, history, iterations=16, resume=True)
+    at_once = optimize_with_limits(plain, watch, tmp_path / "once_history.jsonl", iterations=16)
+    assert np.array_equal(longer.history["x"], at_once.history["x"])
+    assert begun.read_bytes() == (tmp_path / "once_limits_history.jsonl").read_bytes() != old
+    assert (tmp_path / "gait_limits_history.jsonl.old").read_bytes() == old
+    assert "3 candidates" in caplog.text
+
+
 @pytest.mark.parametrize(("kept", "asked"), [(False, [4, 6, 8]), (True, [4])])
 def test_a_descent_goes_on_by_half_while_no_gait_keeps_all_limits(cost, watch, tmp_path, monkeypatch, kept, asked):
     module, x, steps = sys.modules[optimize_with_limits.__module__], cost.gait.to_vector(), []
     history = {"x": x[None], "f": np.array([50.0])}
-    found = OptimizeResult(nit=4, nfev=5, wasted=0, occupancy=1.0, success=True, history=history, tried=history)
+    found = OptimizeResult(
+        nit=4, nfev=5, wasted=0, resumed=0, occupancy=1.0, success=True, history=history, tried=history
+    )
 
     def descended(*args, **how):
         steps.append(how["steps"])
