@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import floats, functions, instance, is_real, shown
 from ..base.brief import brief
+from ..base.users_function import failure_of
 from ..core.compile.jit import CompilationError
 from ..core.compile.taped_cost import TapedFunction
 from ..core.step.state import BY_NAME
@@ -69,14 +70,15 @@ class RunCost:
         if "taped" not in self._made:
             taped = [name in self.channels and name != "time" for name in names]
             self._made["taped"] = TapedFunction(self.function, taped)
+        arrays = [channels[name] if name in self.channels else self.numbers[name] for name in names]
         try:
-            arrays = [channels[name] if name in self.channels else self.numbers[name] for name in names]
             value, derivatives = self._made["taped"].value_and_derivatives(arrays)
-        except CompilationError as error:
+        except (CompilationError, IndexError) as error:
+            why = failure_of(self.function, dict(zip(names, arrays)), error, one=True)
             raise ValueError(
-                f"cost {self.function.__qualname__} does not compile: write it as loops over numbers, without "
-                f"operations on whole arrays, or return value and derivatives from a Python function; {error}"
-            ) from error
+                f"cost {why}; channels have the records first, then robots or joints: write it as loops over numbers, "
+                "without operations on whole arrays, or return value and derivatives from a Python function"
+            ) from None
         return value, {name: found for name, found in zip(names, derivatives) if found is not None}
 
 

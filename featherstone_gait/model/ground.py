@@ -191,7 +191,8 @@ class Ground:
     friction : float
         Coefficient of friction [-]; the default is SimTwo's.
     penetration : float
-        Depth to which a robot that stands on all its load-bearing contact points sinks in [m].
+        Depth to which a robot that stands on all its load-bearing contact points sinks in [m]; without gravity under
+        its weight on Earth, so that this is how to state the stiffness there.
     damping_ratio : float
         Damping ratio of small motions about rest; 1 is critical [-].
     height : float

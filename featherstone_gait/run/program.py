@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, functions, instance, one_of, real, whole
 from ..base.brief import brief
+from ..base.users_function import failure_of, line_of, place_of, shapes_of
 from ..core.compile import taped_cost as _taped_cost  # noqa: F401  # functions of math for taped numbers
 from ..core.compile.chance import uses_chance
 from ..core.compile.jit import JIT, CompilationError, carray, kernel, outside
@@ -154,19 +155,17 @@ class CompiledController:
         places = np.array([length, n, self.memory, commands, *starts], np.int64)
         memory = zeros(self.memory)
         memory.T[...] = self.first_memory
+        own = {"state": np.zeros(length), "offsets": places, "reference": np.zeros(2 * n)}
+        own |= {"own_command": np.zeros(2 * commands), "own_memory": np.zeros(self.memory)}
         return core.Program(
-            function=self._address(),
+            function=self._address(_views(*(each.copy() for each in own.values()))),
             every=self.every(scene),
             replaces=None if self.writes == "reference" else True,
             torques=True if self.writes == "torque" else None,
             command=zeros((n, 2)),
             memory=memory,
             clock=zeros(3),
-            state=np.zeros(length),
-            offsets=places,
-            reference=np.zeros(2 * n),
-            own_command=np.zeros(2 * commands),
-            own_memory=np.zeros(self.memory),
+            **own,
             failure=np.zeros(4),
             surfaces=scene.layout["surface_command"],
         )
@@ -182,19 +181,18 @@ class CompiledController:
             self._made["taped"] = kernel(scope["call"])
         return self._made["taped"]
 
-    def _address(self) -> Any:
-        """Return the address of the compiled function."""
+    def _address(self, views: Sequence[Any]) -> Any:
+        """Return the address of the compiled function; views: what follows the time among its arguments."""
         if "address" not in self._made:
             _refuse_chance(self.function)  # once more: by now all names that it uses exist
             try:
                 self._made["kept"], self._made["address"] = outside(self.function, _wrapped)
             except CompilationError as error:
-                lines = [line for line in str(error).splitlines() if line.strip()]
+                why = failure_of(self.function, dict(zip(ARGUMENTS, (0.0, *views))), error)
                 raise ValueError(
-                    f"controller {self.name} does not compile: {lines[0] if lines else error}; it takes "
-                    f"{', '.join(ARGUMENTS)}, writes command (joints, 2) and memory ({self.memory},), and calls what "
-                    "Numba compiles: Numba's message is below"
-                ) from error
+                    f"controller {why}; it does not compile: write command (joints, 2) and memory, and call what Numba "
+                    "compiles"
+                ) from None
         return self._made["address"]
 
     def check(self, program: core.Program, joints: Sequence[str], robots: Sequence[int] | np.ndarray = ()) -> None:
@@ -215,16 +213,17 @@ class CompiledController:
                 f"controller {self.name} wrote {program.own_command[int(where)]} as {of}, "
                 f"command[{i}, {column}], {when}: give finite numbers, at most {core.LARGEST:g} in size"
             )
-        why, arrays = "an exception", (program.state, program.offsets, program.reference)
+        arrays = (program.state, program.offsets, program.reference, program.own_command, program.own_memory)
+        why, line, views = "an exception", None, _views(*arrays)
         cause: BaseException | None = None
         try:
             with np.errstate(divide="raise", invalid="raise"):  # Numba raises an exception for x / 0 of floats too
-                self.function(t, *_views(*arrays, program.own_command, program.own_memory))
+                self.function(t, *views)
         except Exception as error:
-            why, cause = f"{type(error).__name__}: {error}", error
+            why, line, cause = f"{type(error).__name__}: {error}", line_of(self.function, error), error
         raise ValueError(
-            f"controller {self.name} failed {when}: {why}; command is ({len(program.own_command) // 2}, 2) and "
-            f"memory ({self.memory},): write within them, or ask for more memory"
+            f"controller {self.name} failed {when}: {why} ({place_of(self.function, line)}); its arguments here: "
+            f"{shapes_of(dict(zip(ARGUMENTS, (t, *views))))}: write within them, or ask for more memory"
         ) from cause
 
 

@@ -416,8 +416,8 @@ def compile_scene(
     Raises
     ------
     ValueError
-        For servos that the model does not have, steps that do not fit, ground without gravity, loops and pairs of names
-        that are not in the scene, and pairs that cannot touch.
+        For servos that the model does not have, steps that do not fit, ground that gravity pulls away from, loops and
+        pairs of names that are not in the scene, and pairs that cannot touch.
 
     Notes
     -----
@@ -471,7 +471,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     _check_drives(model.name, [model], drive.sampled)
     lines = _lines(model, options.springs)
     tree = with_rows(compile_tree(model), lines)
-    contact, tendons = build_contact(model, tree, ground, g), build_tendons(model, tree, lines)
+    contact, tendons = build_contact(model, tree, options), build_tendons(model, tree, lines)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
     check = _closing(preflight(model, drive, friction, lines, options), model)
     method, h = _method(check.integrator, model, drive, friction), check.timestep

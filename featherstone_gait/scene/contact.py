@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,26 +28,30 @@ from .records import fill, records
 from .surface import build_surfaces, drives_of
 from .tree import Tree
 
+if TYPE_CHECKING:
+    from .options import SceneOptions
+
 TWO_DEPTHS = 2.0  # of resting, which are no sinking in, however thin a body is
 
 
-def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.ndarray) -> Contact | None:
+def build_contact(model: Model, tree: Tree, options: SceneOptions) -> Contact | None:
     """Build contact points and ground; None without ground.
 
-    Raises ValueError where gravity (3,) [m/s^2] does not press on it.
+    Raises ValueError where there is gravity that does not press on it.
     """
+    ground, gravity = options.ground, np.asarray(options.gravity)
     if ground is None:
         return None
     if not model.contacts:
         raise ValueError(f"{model.name}: ground without contact points; {_remedy(model)}, or give ground=None")
-    g = math.sqrt(dot(gravity, gravity))
-    if not dot(plane_axes(ground)[0], gravity) < 0:
+    if gravity.any() and not dot(plane_axes(ground)[0], gravity) < 0:
         raise ValueError(
             f"{model.name}: ground under gravity {tuple(gravity.tolist())} m/s^2, which presses nothing on it: its "
-            "stiffness follows from the robot's weight; give a gravity that points into the ground, or ground=None"
+            "stiffness follows from the robot's weight; give a gravity that points into the ground, gravity=(0, 0, 0), "
+            "for which it follows from the weight on Earth, or ground=None"
         )
     under = _plane(ground) if ground.field is None else _field(ground.field, ground.height)
-    points = _points(model, tree, ground, g)
+    points = _points(model, tree, ground, options.pressing)
     return Contact(
         points, under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground), _surfaces(model, tree),
         _rolling(model, tree, points),

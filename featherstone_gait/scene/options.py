@@ -39,6 +39,11 @@ class SceneOptions(NamedTuple):
         """Strength of gravity [m/s^2]."""
         return math.sqrt(dot(self.gravity, self.gravity))
 
+    @property
+    def pressing(self) -> float:
+        """Strength of the gravity whose weights make contacts as stiff as asked [m/s^2]: without any, the Earth's."""
+        return self.g or math.sqrt(dot(GRAVITY, GRAVITY))
+
 
 def check_options(model: Model, options: SceneOptions) -> SceneOptions:
     """Return the options with numbers as floats and arrays; raise ValueError where they make no sense."""

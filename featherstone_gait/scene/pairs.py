@@ -45,7 +45,7 @@ from .options import SceneOptions
 from .preflight import SPRING, Limit, Preflight
 from .records import records
 from .surface import build_surfaces, drives_of
-from .tree import GRAVITY, Tree
+from .tree import Tree
 
 WORLD = -1  # the tree of what never moves
 FAR = 1e6  # way of a sliding joint without limits [m]
@@ -60,7 +60,6 @@ THIN = 0.1  # of its thickness, that a thin body is pressed in where others lie 
 NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
 NOTABLE_EXCESS = 1.05  # ratio of the volumes of a mesh's hull and of the mesh above which a note gives it
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
-EARTH = math.sqrt(sum(g * g for g in GRAVITY))  # in place of no gravity [m/s^2]
 
 
 class Touching(NamedTuple):
@@ -421,7 +420,7 @@ def _fill_law(
 
     above: mass (trees,) that lies on each tree at the start [kg]; bears (pairs,): which pairs bear any there.
     """
-    option, ground, g = options.pairs, options.ground, options.g or EARTH
+    option, ground, g = options.pairs, options.ground, options.pressing
     assert option is not None
     on_ground = np.array([solid.link == GROUND for solid in solids])[table.b]
     load = _resting(table, tree, on_ground, above) if option.load is None else np.full(len(table), option.load)

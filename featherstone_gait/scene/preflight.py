@@ -126,7 +126,7 @@ def preflight(
     _check_size(model, names, mobility, np.maximum(damping, stiffness))
     steps: tuple[float, ...] = _together(mobility, damping, stiffness, dampers.get(DRY))
     if options.ground is not None:
-        step = float(contact.explicit_limit(options.ground.penetration, options.g))
+        step = float(contact.explicit_limit(options.ground.penetration, options.pressing))
         limits.append(Limit("contact", step, SPRING))
         steps = tuple(min(one, step) for one in steps)
     for name, step, cause in fluid_limits(model, options.fluid, options.g):

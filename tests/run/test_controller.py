@@ -296,5 +296,5 @@ def test_one_that_calls_the_dynamics_in_python_is_refused_by_their_name():
 
 
 def test_one_that_does_not_compile_is_named():
-    with pytest.raises(ValueError, match="controller opaque does not compile"):
+    with pytest.raises(ValueError, match=r"controller opaque \(File .*test_controller.py.*does not compile"):
         simulate(scene_of(), 0.1, controller=opaque)

@@ -450,10 +450,29 @@ def test_gravity_is_three_finite_numbers(gravity):
         compile_scene(box(), gravity=gravity)
 
 
-@pytest.mark.parametrize("gravity", [ZERO * 3, (0.0, 0.0, G), (G, 0.0, 0.0)])
-def test_ground_needs_gravity(gravity):
-    with pytest.raises(ValueError, match=r"box: ground under gravity .* presses nothing on it.*, or ground=None"):
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, G), (G, 0.0, 0.0)])
+def test_gravity_must_not_pull_away_from_the_ground(gravity):
+    with pytest.raises(ValueError, match=r"box: ground under gravity .* presses nothing on it.*gravity=\(0, 0, 0\)"):
         compile_scene(box(), ground=Ground(), gravity=gravity)
+
+
+@pytest.mark.parametrize("penetration", [1e-3, 4e-3])
+def test_without_gravity_ground_is_as_stiff_as_under_the_weight_on_earth(penetration):
+    """A box that comes at v sinks in by v sqrt(x / g), where x is what its weight would sink it in by; and leaves at v.
+
+    It does after half a period of its springs, pi sqrt(x / g).
+    """
+    ground = Ground(penetration=penetration, damping_ratio=0.0)
+    scene = compile_scene(box(), ground=ground, integrator="ars343", gravity=(0.0, 0.0, 0.0), **NEVER_FALLEN)
+    start, how = thrown(scene, 0.1, velocity=(0.0, 0.0, -1.0)), {"record_interval": scene.timestep}
+    run = simulate(scene, 0.3, start, record=("base_q", "base_qd"), **how)
+    assert run.ok
+    assert run["base_qd"][-1, 2] == pytest.approx(1.0, abs=1e-3)
+    deepest = math.sqrt(penetration / G)
+    between = (scene.timestep / deepest) ** 2 / 8.0  # records half a step from the turning point miss so much of it
+    assert 0.05 - run["base_q"][:, 2].min() == pytest.approx(deepest, rel=between + 1e-4)
+    touching = run["time"][run["base_q"][:, 2] < 0.05]
+    assert np.ptp(touching) == pytest.approx(math.pi * deepest, abs=2.0 * scene.timestep)
 
 
 # How runs end.
