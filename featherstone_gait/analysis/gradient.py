@@ -13,12 +13,13 @@ from __future__ import annotations
 import functools
 import math
 import os
+import warnings
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +39,8 @@ from ..run.trajectory import Trajectory
 from ..run.worlds import Worlds
 from ..scene.compile import CompiledScene
 from ..scene.external import Push
-from .gradient_check import Given, GradientCheck, How, compare, values_of
+from .gradient_check import Given, GradientCheck, How, compare, in_shape, moved_by, scale_of, values_of
+from .gradient_doubts import doubts
 from .run_cost import Cost, check_derivatives, record_of, seeds_of
 from .run_events import Event, channels_of, events_in
 from .run_inputs import (
@@ -55,6 +57,16 @@ from .run_inputs import (
     slope,
     table_of,
 )
+
+T = TypeVar("T")
+U = TypeVar("U")
+
+
+class Along(NamedTuple):
+    """Parameters that move: derivatives of the cost by each (n,), and what a run is given at a step (n,)."""
+
+    slopes: np.ndarray
+    moved: Callable[[np.ndarray], Given]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +87,7 @@ class Gradient(Mapping[str, np.ndarray]):
     derivatives: dict[str, np.ndarray]
     trajectory: Trajectory
     _source: Any = field(default=None, repr=False)
+    _along: Along | None = field(default=None, repr=False)  # in place of the parameters, where these depend on others
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.derivatives[name]
@@ -90,8 +103,32 @@ class Gradient(Mapping[str, np.ndarray]):
 
     @property
     def status(self) -> Status:
-        """How the run ended, as `Trajectory.status`."""
-        return self.trajectory.status
+        """How the run ended, as `Trajectory.status`; "doubtful" if that is "ok" and `doubts` says why."""
+        return Status.DOUBTFUL if self.trajectory.ok and self.doubts else self.trajectory.status
+
+    @functools.cached_property
+    def doubts(self) -> str:
+        """Why the gradient is doubtful; empty where nothing speaks against it, and without events in the run.
+
+        It compares the gradient with differences that move the events by several steps, in some runs more.
+        """
+        if self.trajectory.failed or self._source is None:
+            return ""
+        given, how, cost = self._source
+        name, along = given.scene.model.name, self._along or self._by_all()
+        try:
+            events = self.events
+        except ValueError as error:  # its steps are too many to be kept
+            return f"{name}: the gradient is doubtful, for the run's events are not known: {error}"
+        run = lambda step: _cost_and_events(along.moved(step), how, cost)  # noqa: E731
+        return doubts(name, along.slopes, events, run, given.scene.timestep)
+
+    def _by_all(self) -> Along:
+        """Return how the parameters move, each in its scale."""
+        given, found = self._source[0], self.derivatives
+        scales = np.concatenate([scale_of(given, name).ravel() for name in found])
+        slopes = scales * np.concatenate([one.ravel() for one in found.values()])
+        return Along(slopes, lambda step: moved_by(given, in_shape(scales * step, found)))
 
     @functools.cached_property
     def events(self) -> tuple[Event, ...]:
@@ -100,12 +137,7 @@ class Gradient(Mapping[str, np.ndarray]):
         They are found when they are first asked for, by one more run that records every step.
         """
         given, how, _ = self._source
-        scene = given.scene
-        run = simulate(
-            scene, how.duration, given.state, given.reference, given.tau, how.pushes, channels_of(scene),
-            scene.timestep, estimate_error=False, controller=given.controller,
-        )  # fmt: skip
-        return events_in(scene, run)
+        return events_in(given.scene, _at_every_step(given, how, channels_of(given.scene)))
 
     def check(self, width: float = 1e-3, tolerance: float = 0.1, each: bool = False) -> GradientCheck:
         """Compare the gradient with differences of whole runs, and say which derivatives are doubtful.
@@ -188,6 +220,11 @@ def gradient(
     ValueError
         If arguments do not fit, for scenes without gradients, and for parameters that are no function of numbers.
 
+    Warns
+    -----
+    RuntimeWarning
+        If the gradient is doubtful: events within steps, such as contacts made, make it differ from differences.
+
     See Also
     --------
     gradient_batch : several runs or worlds, over threads.
@@ -200,10 +237,12 @@ def gradient(
     ...     return base_q[-1, 2]
     >>> gradient(scene, 1.0, height, ["reference", "links.mass"], reference=reference)["links.mass"]
     """
-    return gradient_batch(
+    found = differentiated(
         scene, duration, cost, parameters, [state], [reference], [tau], pushes, record, record_interval, threads=1,
         controller=controller,
-    )[0]  # fmt: skip
+    )  # fmt: skip
+    warn_of_doubts(found)
+    return found[0]
 
 
 def gradient_batch(
@@ -245,7 +284,37 @@ def gradient_batch(
     ------
     ValueError
         As `gradient`, and for lists that differ in length.
+
+    Warns
+    -----
+    RuntimeWarning
+        Once, if any is doubtful.
     """
+    found = differentiated(
+        scene, duration, cost, parameters, states, references, taus, pushes, record, record_interval, worlds=worlds,
+        threads=threads, controller=controller,
+    )  # fmt: skip
+    warn_of_doubts(found, threads)
+    return found
+
+
+def differentiated(
+    scene: CompiledScene | Sequence[CompiledScene],
+    duration: float,
+    cost: Cost,
+    parameters: Sequence[str],
+    states: Sequence[ArrayLike | Trajectory | None] | None = None,
+    references: Sequence[Reference | None] | None = None,
+    taus: Sequence[Reference | ArrayLike | None] | None = None,
+    pushes: Sequence[Push] = (),
+    record: Sequence[str] | None = None,
+    record_interval: float | None = None,
+    *,
+    worlds: Worlds | None = None,
+    threads: int | None = None,
+    controller: CompiledController | None = None,
+) -> list[Gradient]:
+    """Differentiate as `gradient_batch`, without looking for doubts."""
     functions(cost=cost)
     names = texts("parameters", parameters)
     several = not isinstance(scene, CompiledScene)
@@ -274,7 +343,43 @@ def gradient_batch(
     return _over_threads(lambda run: _differentiate(run, how, cost, names), runs, threads)
 
 
-def _over_threads(work: Callable[[Given], Gradient], runs: list[Given], threads: int | None) -> list[Gradient]:
+def warn_of_doubts(found: Sequence[Gradient], threads: int | None = 1) -> bool:
+    """Warn who has called the caller if gradients are doubtful, and return whether any is."""
+    told = [text for text in _over_threads(lambda one: one.doubts, found, threads) if text]
+    if told:
+        more = f" ({len(told)} of {len(found)} gradients are doubtful)" * (len(found) > 1)
+        warnings.warn(told[0] + more, RuntimeWarning, stacklevel=3)
+    return bool(told)
+
+
+class Doubter:
+    """Looks for doubts in the gradients of a search: where events are of a kind or at a place not seen before.
+
+    Once it has found a doubt it looks no more; `Gradient.doubts` is always there to ask.
+    """
+
+    def __init__(self) -> None:
+        self.seen: set[tuple[str, str]] = set()
+        self.found = False
+
+    def fresh(self, found: Sequence[Gradient], threads: int | None) -> list[Gradient]:
+        """Return the gradients of runs with such events."""
+        if self.found:
+            return []
+        places = _over_threads(self._places, found, threads)
+        fresh = [one for one, new in zip(found, places) if new - self.seen]
+        self.seen.update(*places)
+        return fresh
+
+    @staticmethod
+    def _places(one: Gradient) -> set[tuple[str, str]]:
+        try:
+            return set() if one.trajectory.failed else {(event.what, event.where) for event in one.events}
+        except ValueError:  # `doubts` says why
+            return {("", "")}
+
+
+def _over_threads(work: Callable[[T], U], runs: Sequence[T], threads: int | None) -> list[U]:
     many = os.cpu_count() or 1 if threads is None else whole("threads", threads, 1, "give how many work at once")
     if min(many, len(runs)) <= 1:
         return [*map(work, runs)]
@@ -310,6 +415,24 @@ def _differentiate(given: Given, how: How, cost: Cost, names: Sequence[str]) -> 
     return Gradient(value, found, trajectory, (given, how, cost))
 
 
+def _at_every_step(given: Given, how: How, record: Sequence[str]) -> Trajectory:
+    scene = given.scene
+    return simulate(
+        scene, how.duration, given.state, given.reference, given.tau, how.pushes, record, scene.timestep,
+        estimate_error=False, controller=given.controller,
+    )  # fmt: skip
+
+
+def _cost_and_events(given: Given, how: How, cost: Cost) -> tuple[float, tuple[Event, ...]]:
+    """Run once; return the cost, infinite of a run that ends before its time, and the events."""
+    scene, prepared = given.scene, _prepared(given.scene, how, given.controller)
+    run = _at_every_step(given, how, [*dict.fromkeys((*prepared.record, *channels_of(scene)))])
+    if run.failed:
+        return math.inf, ()
+    at = {name: run[name][:: prepared.plan.per_sample] for name in ("time", *prepared.record)}
+    return float(cost(at)[0]), events_in(scene, run)
+
+
 _checked: weakref.WeakSet[Cost] = weakref.WeakSet()
 
 
@@ -333,6 +456,9 @@ def _others(given: Given, how: How, names: Sequence[str]) -> list[CompiledRun]:
 
 class RunObjective:
     """The cost of a run and its gradient as a function of one vector, for optimizers.
+
+    The first doubtful gradient warns; it is looked for where a run has events of a kind or at a place that none before
+    has had, and `last` tells of any.
 
     ``scipy.optimize.minimize(objective, x0, jac=True)`` takes it as it is.
 
@@ -393,6 +519,7 @@ class RunObjective:
         if not (np.isfinite(self.scale).all() and (self.scale > 0.0).all()):
             raise ValueError(f"scale is {shown(scale)}; give positive sizes of the vector's entries")
         self.last: list[Gradient] = []
+        self._doubter = Doubter()
 
     def __repr__(self) -> str:
         name, count = self.scenes[0].model.name, len(self.scenes)
@@ -404,17 +531,31 @@ class RunObjective:
         if self.scale.shape not in ((), x.shape):
             raise ValueError(f"scale has the shape {self.scale.shape}, x {x.shape}; give one size, or one an entry")
         given = self._given(x)
-        names = [*given]
+        names, runs, slopes = [*given], self._runs(given), self._slopes(x, given)
+        found = _over_threads(lambda run: _differentiate(run, self.how, self.cost, names), runs, self.threads)
+        each = [np.zeros(len(x)) for _ in found]
+        for own, one in zip(each, found):
+            for name in names:
+                own += np.einsum("xi,i->x", slopes[name], one[name].ravel())
+        self.last = [self._along(x, k, one, own) for k, (one, own) in enumerate(zip(found, each))]
+        self._doubter.found |= warn_of_doubts(self._doubter.fresh(self.last, self.threads), self.threads)
+        total = np.zeros(len(x))
+        for own in each:
+            total += own
+        return float(np.mean([one.value for one in self.last])), total / len(self.last)
+
+    def _runs(self, given: Mapping[str, Any]) -> list[Given]:
+        """Return what a run in each world is given."""
         numbers = {name: number[None] for name, number in given.items() if is_number(name)}
         signals = {name: given.get(name) for name in ("state", "reference", "tau")}
         law = self._controller_at(given)
-        runs = [Given(scenes_with(scene, numbers)[0], **signals, controller=law) for scene in self.scenes]
-        self.last = _over_threads(lambda run: _differentiate(run, self.how, self.cost, names), runs, self.threads)
-        slopes = self._slopes(x, given)
-        total = np.zeros(len(x))
-        for one in self.last:
-            total += sum(np.einsum("xi,i->x", slopes[name], one[name].ravel()) for name in names)
-        return float(np.mean([one.value for one in self.last])), total / len(self.last)
+        return [Given(scenes_with(scene, numbers)[0], **signals, controller=law) for scene in self.scenes]
+
+    def _along(self, x: np.ndarray, world: int, one: Gradient, slopes: np.ndarray) -> Gradient:
+        """Return a gradient that is doubted by the vector, in its scale."""
+        scale = np.broadcast_to(self.scale, x.shape)
+        moved = lambda step: self._runs(self._given(x + scale * step))[world]  # noqa: E731
+        return replace(one, _along=Along(scale * slopes, moved))
 
     def _controller_at(self, given: Mapping[str, Any]) -> CompiledController | None:
         if "controller" in given and self.controller is None:

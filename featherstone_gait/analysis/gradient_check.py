@@ -54,7 +54,8 @@ class GradientCheck(NamedTuple):
     difference : float
         The same by a central difference of two runs.
     agrees : bool
-        Whether they differ by less than the tolerance of the larger.
+        Whether they differ by less than the tolerance of the larger, and no derivative that was compared by itself is
+        doubtful.
     differences : dict of ndarray
         Central differences by each parameter, in its shape; nan by numbers that are zero and may not be negative, and
         of a whole state by all but coordinates, currents, rotors, filters and deflections.  Empty where the two agree,
@@ -83,10 +84,7 @@ def compare(
     scaled = np.concatenate([(scales[name] * found).ravel() for name, found in derivatives.items()])
     slope = float(np.sqrt(np.sum(scaled * scaled)))
     unit = scaled / slope if slope > 0.0 else scaled
-    ends, at = {}, 0
-    for name, found in derivatives.items():
-        ends[name] = width * scales[name] * unit[at : at + found.size].reshape(found.shape)
-        at += found.size
+    ends = {name: width * scales[name] * step for name, step in in_shape(unit, derivatives).items()}
     up, down = values([moved_by(given, ends, sign) for sign in (1.0, -1.0)])
     difference = float(up - down) / (2.0 * width)
     agrees = slope > 0.0 and abs(difference - slope) <= tolerance * max(abs(difference), slope)
@@ -100,7 +98,8 @@ def compare(
             larger = np.maximum(np.abs(own), np.abs(other))
             near = (np.abs(own - other) <= tolerance * larger) | (larger <= least)
             doubtful[name] = ~near & (scales[name] > 0.0)  # nan too: a run on one side has failed
-        agrees = agrees or (slope == 0.0 and not any(each_one.any() for each_one in doubtful.values()))
+        none = not any(each_one.any() for each_one in doubtful.values())
+        agrees = none and (agrees or slope == 0.0)
     return GradientCheck(slope, difference, agrees, differences, doubtful)
 
 
@@ -120,6 +119,12 @@ def _of_each(
         ends, at = found[at : at + moved.sum()], at + int(moved.sum())
         differences[name][moved] = (ends[:, 0] - ends[:, 1]) / (2.0 * width * scale[moved])
     return differences
+
+
+def in_shape(numbers: np.ndarray, like: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Cut numbers (n,) into those of each parameter, in its shape."""
+    ends = np.cumsum([one.size for one in like.values()])
+    return {name: one.reshape(like[name].shape) for name, one in zip(like, np.split(numbers, ends[:-1]))}
 
 
 def scale_of(given: Given, name: str) -> np.ndarray:

@@ -26,9 +26,10 @@ class Event(NamedTuple):
         End of the step in which it happened [s].
     what : str
         "contact made", "contact broken", "contact slips", "contact sticks", "joint slips", "joint sticks", "voltage at
-        its limit", "voltage off its limit", "stop reached", "stop left", "bodies touch" or "bodies part".
+        its limit", "voltage off its limit", "stop reached", "stop left", "bodies touch", "bodies part", "tendon pulls"
+        or "tendon slack".
     where : str
-        The contact point, the joint, or the pair.
+        The contact point, the joint, the pair, or the tendon.
     """
 
     time: float
@@ -38,7 +39,8 @@ class Event(NamedTuple):
 
 def channels_of(scene: CompiledScene) -> tuple[str, ...]:
     """Return the channels of a scene from which its events are found."""
-    return tuple(name for name in RECORD if np.ptp(scene.part(name)))
+    found = (name for name in RECORD if name in scene.parts and np.ptp(scene.part(name)))
+    return (*found, *["tendon_length"] * (bool(scene.model.tendons) and not scene.members))
 
 
 def events_in(scene: CompiledScene, run: Mapping[str, np.ndarray]) -> tuple[Event, ...]:
@@ -79,15 +81,28 @@ def _branches(
         size = np.abs(run["duty"]) if "duty" in run else np.abs(run["voltage"]) / np.maximum(limits, 1e-300)
         found.append((("voltage at its limit", "voltage off its limit"), joints, size >= 1.0 - AT_LIMIT))
     if constants.stops is not None:
-        beyond = (run["q"] < constants.stops["lower"]) | (run["q"] > constants.stops["upper"])
-        found.append((("stop reached", "stop left"), joints, beyond))
+        limits = np.stack([constants.stops["lower"], constants.stops["upper"]], axis=1)
+        found.append((("stop reached", "stop left"), joints, _outside(run["q"], limits)))
     if "pair" in run:
         touching = _from_second(run["pair_normal_force"]) > 0.0
         which = np.where(touching, run["pair"], 0.0).astype(int)
         pairs = [" and ".join(pair) for pair in scene.pairs]
         each = np.stack([(which == 1 + k).any(axis=1) for k in range(len(pairs))], axis=1)
         found.append((("bodies touch", "bodies part"), pairs, each))
+    if "tendon_length" in run:
+        tendons, length = scene.model.tendons, run["tendon_length"]
+        names = [one.name for one in tendons]
+        slack = np.array([one.rest for one in tendons])
+        limits = np.array([(one.lower, one.upper) for one in tendons])
+        springs = np.array([one.stiffness > 0.0 for one in tendons]) & (slack[:, 0] < slack[:, 1])
+        found.append((("tendon pulls", "tendon slack"), names, _outside(length, slack) & springs))
+        found.append((("stop reached", "stop left"), names, _outside(length, limits)))
     return found
+
+
+def _outside(values: np.ndarray, range_: np.ndarray) -> np.ndarray:
+    """Return which values (records, n) are outside of their range (n, 2)."""
+    return (values < range_[:, 0]) | (values > range_[:, 1])
 
 
 def _from_second(values: np.ndarray) -> np.ndarray:
@@ -103,6 +118,11 @@ def _held(slips: np.ndarray, touches: np.ndarray) -> np.ndarray:
 
 
 def _point_names(scene: CompiledScene, count: int) -> list[str]:
-    if scene.members:
-        return [f"contact point {k}" for k in range(count)]
-    return [f"{scene.model.contacts[k].link} {k}" for k in by_body(scene.model, scene.tree)]
+    if not scene.members:
+        return [f"{scene.model.contacts[k].link} {k}" for k in by_body(scene.model, scene.tree)]
+    names = [
+        f"{one.name}/{one.model.contacts[k].link} {k}"
+        for one in scene.members
+        for k in by_body(one.model, one.scene.tree)
+    ]
+    return names if len(names) == count else [f"contact point {k}" for k in range(count)]

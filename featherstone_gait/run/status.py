@@ -30,6 +30,8 @@ class Status(StrEnum):
         carried a body over a thin one.
     INACCURATE
         "inaccurate": the estimated error is larger than `simulate` allows.
+    DOUBTFUL
+        "doubtful": of a gradient alone: events within steps, such as contacts made, make it differ from differences.
     TOO_COSTLY
         "too costly": error control took as many steps as it may, and the run ended there.
     TOO_MANY_CONTACTS
@@ -45,6 +47,7 @@ class Status(StrEnum):
     STEP_TOO_SMALL = "step too small"
     NOT_CONVERGED = "not converged"
     INACCURATE = "inaccurate"
+    DOUBTFUL = "doubtful"
     TOO_COSTLY = "too costly"
     TOO_MANY_CONTACTS = "too many contacts"
     TOO_DEEP = "too deep"
@@ -69,6 +72,7 @@ REMEDIES = {
     Status.STEP_TOO_SMALL: "raise rtol, or use implicit_euler or midpoint at a fixed step",
     Status.NOT_CONVERGED: "use a smaller timestep or an implicit integrator",
     Status.INACCURATE: "give a smaller timestep or rtol; if that does not help, the motion is chaotic",
+    Status.DOUBTFUL: "give a smaller timestep or softer contacts, or search without gradients",
     Status.TOO_COSTLY: "raise rtol, or use implicit_euler or midpoint at a fixed step",
     Status.TOO_MANY_CONTACTS: "allow more: compile_scene(pairs=PairContact(max_points=...)), or choose fewer pairs",
     Status.TOO_DEEP: "give contacts a smaller penetration (PairContact, Ground), or the load that they have to bear",

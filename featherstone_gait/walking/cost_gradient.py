@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.gradient import Gradient, gradient_batch
+from ..analysis.gradient import Along, Doubter, Gradient, differentiated, warn_of_doubts
+from ..analysis.gradient_check import Given
 from ..analysis.run_inputs import CENTRAL, WIDTH, slope
 from ..base.arguments import instance, vector
 from ..core.effects.energies import METER
@@ -51,6 +53,11 @@ def cost_and_gradient(
     ------
     ValueError
         For a vector of another length, and scenes without gradients.
+
+    Warns
+    -----
+    RuntimeWarning
+        At the first gradient of a cost that is doubtful: see `featherstone_gait.gradient`.
     """
     instance("cost", cost, (WalkingCost, CostInWorlds), "give a WalkingCost, or what in_worlds makes of one")
     one = cost if isinstance(cost, WalkingCost) else cost.cost
@@ -60,7 +67,7 @@ def cost_and_gradient(
     offsets = np.zeros((1, len(signal.values[0]))) if isinstance(cost, WalkingCost) else cost.offsets
     states = [_standing(scene, signal.values[0] + off) for scene, off in zip(scenes, offsets)]
     moves = bool(by_pose[:, 0].any())  # the first posture, and with it the state at the start
-    found = gradient_batch(
+    found = differentiated(
         scenes, one.end, _meter_of(one), ["reference", *["state"] * moves], states, [signal] * len(scenes),
         record=RECORD, record_interval=TICK, threads=threads,
     )  # fmt: skip
@@ -71,6 +78,16 @@ def cost_and_gradient(
         slopes.append(np.einsum("xki,ki->x", by_pose, each["reference"]))
         if moves:
             slopes[-1] += _by_posture(scene, signal.values[0] + off, by_pose[:, 0], each)
+    doubted = []
+    for scene, off, each, by in zip(scenes, offsets, found, slopes):
+
+        def moved(step: np.ndarray, scene: CompiledScene = scene, off: np.ndarray = off) -> Given:
+            other = one.reference(x + step, one.warm_up + one.strides)
+            return Given(scene, _standing(scene, other.values[0] + off), other)
+
+        doubted.append(replace(each, _along=Along(by, moved)))
+    doubter = _doubter_of(cost)
+    doubter.found |= warn_of_doubts(doubter.fresh(doubted, threads), threads)
     if isinstance(cost, WalkingCost):
         value, total = values[0], slopes[0]
     else:
@@ -91,6 +108,12 @@ def _by_posture(scene: CompiledScene, angles: np.ndarray, by_pose: np.ndarray, f
         each = [_standing(scene, angles + share * WIDTH * (np.arange(len(angles)) == k)) for share in CENTRAL[0]]
         by_angle[k] = np.sum(slope(each, middle, WIDTH) * found["state"])
     return np.einsum("xi,i->x", by_pose, by_angle)
+
+
+@functools.lru_cache(maxsize=8)
+def _doubter_of(cost: WalkingCost | CostInWorlds) -> Doubter:
+    """Return what looks for doubts in all gradients of a cost."""
+    return Doubter()
 
 
 @functools.lru_cache(maxsize=8)

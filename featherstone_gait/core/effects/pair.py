@@ -713,8 +713,8 @@ def _in_plane(m, frame, t, s, on):
     z = rotate(frame, m)
     size, z1, z2 = sqrt(dot(z, z)), dot(t, z), dot(s, z)
     zero, flat_size = 0.0 * size, sqrt(z1 * z1 + z2 * z2)
-    turns = STRETCH * flat_size > size
-    ratio = select(turns, size / select(turns, flat_size, 1.0 + zero), STRETCH + zero)
+    turns, most = STRETCH * flat_size > size, select(size > 0.0, STRETCH + zero, 1.0 + zero)  # none keeps its slope
+    ratio = select(turns, size / select(turns, flat_size, 1.0 + zero), most)
     return select(on, z1 * ratio, zero), select(on, z2 * ratio, zero)
 
 
