@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import math
 import os
+import sys
 import warnings
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -237,12 +238,10 @@ def gradient(
     ...     return base_q[-1, 2]
     >>> gradient(scene, 1.0, height, ["reference", "links.mass"], reference=reference)["links.mass"]
     """
-    found = differentiated(
+    return gradient_batch(
         scene, duration, cost, parameters, [state], [reference], [tau], pushes, record, record_interval, threads=1,
         controller=controller,
-    )  # fmt: skip
-    warn_of_doubts(found)
-    return found[0]
+    )[0]  # fmt: skip
 
 
 def gradient_batch(
@@ -290,31 +289,6 @@ def gradient_batch(
     RuntimeWarning
         Once, if any is doubtful.
     """
-    found = differentiated(
-        scene, duration, cost, parameters, states, references, taus, pushes, record, record_interval, worlds=worlds,
-        threads=threads, controller=controller,
-    )  # fmt: skip
-    warn_of_doubts(found, threads)
-    return found
-
-
-def differentiated(
-    scene: CompiledScene | Sequence[CompiledScene],
-    duration: float,
-    cost: Cost,
-    parameters: Sequence[str],
-    states: Sequence[ArrayLike | Trajectory | None] | None = None,
-    references: Sequence[Reference | None] | None = None,
-    taus: Sequence[Reference | ArrayLike | None] | None = None,
-    pushes: Sequence[Push] = (),
-    record: Sequence[str] | None = None,
-    record_interval: float | None = None,
-    *,
-    worlds: Worlds | None = None,
-    threads: int | None = None,
-    controller: CompiledController | None = None,
-) -> list[Gradient]:
-    """Differentiate as `gradient_batch`, without looking for doubts."""
     functions(cost=cost)
     names = texts("parameters", parameters)
     several = not isinstance(scene, CompiledScene)
@@ -340,15 +314,27 @@ def differentiated(
     rows = zip(lists["scenes"], *(lists.get(name, [None] * count) for name in each))
     runs = [Given(*row)._replace(controller=controller) for row in rows]
     how = How(duration, pushes, record_of(cost, record), record_interval)
+    results = differentiated(runs, how, cost, names, threads)
+    warn_of_doubts(results, threads)
+    return results
+
+
+def differentiated(
+    runs: Sequence[Given], how: How, cost: Cost, names: Sequence[str], threads: int | None
+) -> list[Gradient]:
+    """Return the gradient of each run, without looking for doubts."""
     return _over_threads(lambda run: _differentiate(run, how, cost, names), runs, threads)
 
 
 def warn_of_doubts(found: Sequence[Gradient], threads: int | None = 1) -> bool:
-    """Warn who has called the caller if gradients are doubtful, and return whether any is."""
+    """Warn if gradients are doubtful, where the package was called; return whether any is."""
     told = [text for text in _over_threads(lambda one: one.doubts, found, threads) if text]
     if told:
         more = f" ({len(told)} of {len(found)} gradients are doubtful)" * (len(found) > 1)
-        warnings.warn(told[0] + more, RuntimeWarning, stacklevel=3)
+        package, frame, level = __name__.partition(".")[0], sys._getframe(), 1
+        while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+            frame, level = frame.f_back, level + 1
+        warnings.warn(told[0] + more, RuntimeWarning, stacklevel=level)
     return bool(told)
 
 
@@ -532,7 +518,7 @@ class RunObjective:
             raise ValueError(f"scale has the shape {self.scale.shape}, x {x.shape}; give one size, or one an entry")
         given = self._given(x)
         names, runs, slopes = [*given], self._runs(given), self._slopes(x, given)
-        found = _over_threads(lambda run: _differentiate(run, self.how, self.cost, names), runs, self.threads)
+        found = differentiated(runs, self.how, self.cost, names, self.threads)
         each = [np.zeros(len(x)) for _ in found]
         for own, one in zip(each, found):
             for name in names:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.gradient import Along, Doubter, Gradient, differentiated, warn_of_doubts
-from ..analysis.gradient_check import Given
+from ..analysis.gradient_check import Given, How
 from ..analysis.run_inputs import CENTRAL, WIDTH, slope
 from ..base.arguments import instance, vector
 from ..core.effects.energies import METER
@@ -67,10 +67,9 @@ def cost_and_gradient(
     offsets = np.zeros((1, len(signal.values[0]))) if isinstance(cost, WalkingCost) else cost.offsets
     states = [_standing(scene, signal.values[0] + off) for scene, off in zip(scenes, offsets)]
     moves = bool(by_pose[:, 0].any())  # the first posture, and with it the state at the start
-    found = differentiated(
-        scenes, one.end, _meter_of(one), ["reference", *["state"] * moves], states, [signal] * len(scenes),
-        record=RECORD, record_interval=TICK, threads=threads,
-    )  # fmt: skip
+    runs = [Given(scene, state, signal) for scene, state in zip(scenes, states)]
+    how, names = How(one.end, (), RECORD, TICK), ["reference", *["state"] * moves]
+    found = differentiated(runs, how, _meter_of(one), names, threads)
     values, slopes = [], []
     for scene, off, each in zip(scenes, offsets, found):
         run = each.trajectory if isinstance(cost, WalkingCost) or cost.strict else with_chatter(each.trajectory)

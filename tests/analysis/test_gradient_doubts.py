@@ -84,8 +84,10 @@ def test_a_gradient_through_a_bounce_is_that_of_the_bounce_or_doubtful(timestep)
 def test_the_doubt_is_told_with_time_and_place_and_only_where_it_bounces():
     """The ball touches after 0.9 m at 2 m/s."""
     scene, states = room(1e-3), [falling(room(1e-3)), falling(room(1e-3), 3.0)]
-    with pytest.warns(RuntimeWarning, match=r"from 0\.45\d* s on, bodies touch: ball/body and floor/body.*1 of 2"):
+    words = r"from 0\.45\d* s on, bodies touch: ball/body and floor/body.*1 of 2"
+    with pytest.warns(RuntimeWarning, match=words) as told:
         found = gradient_batch(scene, 1.0, height, BY, states)
+    assert told[0].filename == __file__
     assert [one.status for one in found] == ["doubtful", "ok"]
     assert [one.trajectory.status for one in found] == ["ok", "ok"]
     assert found[1]["state.base_q"][2] == pytest.approx(1.0, abs=1e-12)
