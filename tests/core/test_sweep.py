@@ -1,6 +1,7 @@
 """No step with error control carries a shape through another: what swings, flies and spins meets what is in its way."""
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 from featherstone_gait import (
     Box,
     Capsule,
+    ContactPoint,
+    Ground,
     Joint,
     Link,
     Model,
@@ -19,7 +22,7 @@ from featherstone_gait import (
     compile_scene,
     initial_state,
     simulate,
-)  # fmt: skip
+)
 from featherstone_gait.dynamics import forward_kinematics
 from tests.support.touching import obstacle, placed, touching
 
@@ -184,3 +187,22 @@ def test_the_hand_of_a_robot_meets_a_thin_rod(method):
         off = np.linalg.norm(found["qd"][-1] - expected)
         assert not found.ok or off < OFF * max(speed, np.linalg.norm(expected)), (q, v, found["qd"][-1], expected)
     assert hits > 20
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("method", METHODS)
+def test_a_fast_tip_meets_the_ground(method):
+    """It dips into the plane for a small part of its turn."""
+    compiled, options = split(METHODS[method])
+    bar = replace(bar_on_a_hinge(), contacts=(ContactPoint("rod", (0.0, 0.0, LONG)),), shapes=())
+    for dip, speed, angle in product((1e-3, 5e-3, 2e-2), (5.0, 20.0, 50.0, 100.0, 200.0), ANGLES[::2]):
+        ground, end = Ground(height=dip - LONG), (angle + 0.6) / speed
+
+        def run(step, ground=ground, end=end, angle=angle, speed=speed, **given):
+            scene = compile_scene(bar, ground=ground, timestep=end / math.ceil(end / step), **given)
+            state = initial_state(scene, [math.pi - angle], [speed])
+            extra = {} if given else options
+            return simulate(scene, end, state, record=("qd",), record_interval=end, estimate_error=False, **extra)
+
+        expected, found = run(2e-3 / speed, integrator="midpoint")["qd"][-1], run(0.1 * end, **compiled)
+        assert not found.ok or abs(found["qd"][-1] - expected) < OFF * speed, (dip, speed, angle)

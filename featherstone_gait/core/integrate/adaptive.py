@@ -27,7 +27,7 @@ from ..step.pace import (
     STEP,
     STEPS,
     UNTIL,
-)  # fmt: skip
+)
 from ..step.pool import longest_step, renew_pool
 from ..step.program import writes_torques
 from ..step.signals import next_knot, time_of
