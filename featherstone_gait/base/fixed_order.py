@@ -26,7 +26,10 @@ def applied(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """Multiply matrices (..., m, k) by matrices (..., k, n)."""
-    return total(A[..., :, :, None] * B[..., None, :, :], axis=-2)
+    found = A[..., :, 0, None] * B[..., None, 0, :]
+    for k in range(1, B.shape[-2]):
+        found += A[..., :, k, None] * B[..., None, k, :]
+    return found
 
 
 def solve(A: ArrayLike, B: ArrayLike) -> np.ndarray:

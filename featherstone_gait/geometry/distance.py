@@ -48,6 +48,8 @@ from .contact_choice import corner_error, local_corners
 from .hull import Sides, sides
 from .polytope import Polytope, box, hull, segment
 
+AT_ONCE = 10_000  # pairs in a call of a kernel, which Ctrl-C does not end
+
 
 class Clearance(NamedTuple):
     """The least distance of shapes that can meet.
@@ -143,7 +145,9 @@ def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarra
         return out
     shapes, poses = shape_table(model), _rows(forward_kinematics(model, q))
     rotation, position = poses.rotation[0], poses.position[0]
-    pair_distances(shapes, _room(shapes), np.array(pairs, np.int64).reshape(-1, 2), rotation, position, out)
+    room, pairs = _room(shapes), np.array(pairs, np.int64).reshape(-1, 2)
+    for k in range(0, len(pairs), AT_ONCE):
+        pair_distances(shapes, room, pairs[k : k + AT_ONCE], rotation, position, out[k : k + AT_ONCE])
     return out
 
 

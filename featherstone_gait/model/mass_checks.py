@@ -68,18 +68,46 @@ def _idle_flaws(
     keyframes: Iterable[np.ndarray],
 ) -> list[Flaw]:
     """Find what moves without inertia in all postures, or against a negative one in any."""
-    if len(bodies) > MAX_JOINTS:
-        text = f"robot {robot!r} has {len(bodies) - 1} moving joints and bodies without inertia of their own"
-        return [Flaw("robot", f"{text}; at most {MAX_JOINTS} are checked: give each body its mass and inertia")]
-    found = []
-    for q in postures(bodies, couplings(), keyframes):
-        flaws, least = flaws_at(bodies, floating, q)
-        if least < -TOLERANCE:
-            return flaws
-        found.append(flaws)
-    if not all(found):
-        return []
-    return [flaw._replace(text=f"{flaw.text} (as in all of {len(found)} postures)") for flaw in found[0]]
+    taken = [*postures(bodies, couplings(), keyframes)]
+    for rows in _branches(bodies, floating):
+        own = _renumbered(bodies, rows)
+        if resisting(own, floating):
+            continue
+        if len(own) > MAX_JOINTS:
+            text = f"robot {robot!r} has {len(own) - 1} moving joints and bodies without inertia of their own"
+            return [Flaw("robot", f"{text}; at most {MAX_JOINTS} are checked: give each body its mass and inertia")]
+        found = []
+        for q in taken:
+            flaws, least = flaws_at(own, floating, q[rows])
+            if least < -TOLERANCE:
+                return flaws
+            found.append(flaws)
+        if all(found):
+            return [flaw._replace(text=f"{flaw.text} (as in all of {len(found)} postures)") for flaw in found[0]]
+    return []
+
+
+def _branches(bodies: list[RigidBody], floating: bool) -> list[list[int]]:
+    """Return the rows of what moves alone: all, or of a fixed root, which passes no motion on, each of its branches."""
+    if floating:
+        return [[*range(len(bodies))]]
+    found: list[list[int]] = []
+    branch = [-1]
+    for k, body in enumerate(bodies[1:], 1):
+        parent = body.frame.parent
+        branch.append(branch[parent] if parent else len(found))
+        if not parent:
+            found.append([0])
+        found[branch[k]].append(k)
+    return found
+
+
+def _renumbered(bodies: list[RigidBody], rows: list[int]) -> list[RigidBody]:
+    """Return some of the bodies, with the numbers of their parents among these."""
+    number = {row: k for k, row in enumerate(rows)}
+    return [
+        one._replace(frame=one.frame._replace(parent=number[one.frame.parent])) for one in map(bodies.__getitem__, rows)
+    ]
 
 
 def flaws_at(

@@ -70,7 +70,13 @@ class Frictions:
     def __init__(self, stated: Iterable[PairFriction], contact: PairContact) -> None:
         self._stated = list(stated)
         self._rows = {frozenset((one.a, one.b)): k for k, one in enumerate(self._stated)}
+        self._named = {name for one in self._stated for name in (one.a, one.b)}
         self._contact = contact
+
+    def kind(self, names: Iterable[str], shape: Any) -> tuple[Any, ...]:
+        """Return what the coefficients of a shape, or half space, depend on."""
+        own = (getattr(shape, name, None) for name in (*FIELDS, "priority"))
+        return (*own, isinstance(shape, Shape), *(name for name in names if name in self._named))
 
     def stated(self, one: Iterable[str], other: Iterable[str]) -> PairFriction | None:
         """Return what the scene states of two shapes, given by all of their names: the last of what it states."""

@@ -18,7 +18,6 @@ from ..model import Model
 from ..model.numpy_dynamics import link_poses
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body, over_ground, plane_axes
-from ..scene.forest import shares
 from .compiled_run import CompiledRun
 from .prepare import least_step
 from .start import CLOSED, open_rows, positions_in, what_is_loose_at
@@ -60,8 +59,7 @@ def to_trajectory(run: CompiledRun, y: np.ndarray, out: np.ndarray, schedule: Pl
     }
     if scene.members:
         info["members"] = {
-            member.name: share | _names(member.model)
-            for member, share in zip(scene.members, shares(scene.members).values())
+            member.name: share | _names(member.model) for member, share in zip(scene.members, scene.shares.values())
         }
     if scene.model.loops:
         info["loops"] = [loop.name for loop in scene.model.loops]

@@ -24,7 +24,7 @@ from ..model.rigid_bodies import depth_first_joints
 from ..model.sensor import ContactSensor, ForceTorqueSensor
 from ..scene.channels import owned
 from ..scene.compile import CompiledScene
-from ..scene.forest import Member, shares
+from ..scene.forest import Member
 from .range_sensor import link_poses, members_of, row_of
 from .sensors import in_world
 
@@ -109,7 +109,7 @@ def _own(scene: CompiledScene, member: Member, channels: Mapping[str, np.ndarray
     values = values.reshape(len(values), -1)
     if not scene.members:
         return values
-    return values[:, owned(BY_NAME[name], shares(scene.members)[member.name], values.shape[1])]
+    return values[:, owned(BY_NAME[name], scene.shares[member.name], values.shape[1])]
 
 
 def _motions(

@@ -23,7 +23,7 @@ from ..model.placed import Placed, link_name
 from ..model.sensor import WORLD, LineSensor, RangeSensor, SampledSensor, Sensor
 from ..scene.channels import owned
 from ..scene.compile import CompiledScene
-from ..scene.forest import Member, shares
+from ..scene.forest import Member
 from ..scene.pairs import Solid, of_ground
 from .trajectory import Trajectory
 
@@ -180,7 +180,7 @@ def link_poses(scene: CompiledScene, channels: Mapping[str, np.ndarray]) -> tupl
     """Return the names of all links, the world last, and their poses (samples, links, ...)."""
     instance("trajectory", channels, Mapping, "give what simulate returns")
     names, rotations, positions = list[str](), [], []
-    of = shares(scene.members) if scene.members else {}
+    of = scene.shares
     for member in members_of(scene):
         model = member.model
         needed = ("base_q", "q") if model.base == "floating" else ("q",)

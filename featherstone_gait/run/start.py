@@ -144,7 +144,7 @@ def _of_members(
         given[what] = {} if values is None else values
         instance(what, given[what], Mapping, remedy)
         for name in given[what]:
-            if name not in [member.name for member in scene.members]:
+            if name not in scene.shares:
                 known = ", ".join(member.name for member in scene.members)
                 raise ValueError(f"{what}: there is no robot or object {shown(name)}; there are {known}")
     for k, member in enumerate(scene.members):

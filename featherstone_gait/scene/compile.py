@@ -28,12 +28,21 @@ from ..model.placed import Placed, SceneModel, check_scene_loops, link_name
 from ..model.sensor import RESERVED, WORLD, SampledSensor, Sensor
 from ..model.tendon import ball_limit, spring_tendon
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
-from .channels import StateView
+from .channels import Share, StateView
 from .contact import bearing, build_contact, standing_posture
 from .external import Push, build_lifts, build_pushes
 from .firmware import build_firmware, build_supply
 from .fluid import build_fluid, build_propellers
-from .forest import Member, joined_constants, joined_model, joined_preflight, joined_tree, members_of, state_index
+from .forest import (
+    Member,
+    joined_constants,
+    joined_model,
+    joined_preflight,
+    joined_tree,
+    members_of,
+    shares,
+    state_index,
+)
 from .friction import Friction, build_drag, build_friction, sticks
 from .gearbox_kinds import IntegratorName
 from .joint_spring import build_ball_springs, build_joint_springs, build_stiffening, fold_joint_springs
@@ -304,6 +313,11 @@ class CompiledScene:
     def parts(self) -> dict[str, tuple[int, int]]:
         """First and past-the-last index of each part of the state."""
         return state.parts(self.layout)
+
+    @cached_property
+    def shares(self) -> dict[str, Share]:
+        """Which numbers of the channels are each member's, by name."""
+        return shares(self.members)
 
     def part(self, name: str) -> tuple[int, int]:
         """Return first and past-the-last index of a part of the state."""

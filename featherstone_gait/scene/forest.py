@@ -535,7 +535,7 @@ def state_index(scene: CompiledScene, member: Member) -> np.ndarray:
 
     Bases that the member alone has no coordinates for are left out.
     """
-    alone, share = member.scene, shares(scene.members)[member.name]
+    alone, share = member.scene, scene.shares[member.name]
     index = np.zeros(alone.layout["length"], np.int64)
     for channel in IN_STATE:
         (start, end), (first, past) = alone.part(channel.name), scene.part(channel.name)

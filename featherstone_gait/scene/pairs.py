@@ -21,6 +21,7 @@ weight of its own tree.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -61,6 +62,8 @@ THIN = 0.1  # of its thickness, that a thin body is pressed in where others lie 
 OFF_MIDDLE = 2.0  # even shares that a point bears of what lies on a body: four over one corner sink it by two depths
 NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
 NOTABLE_EXCESS = 1.05  # ratio of the volumes of a mesh's hull and of the mesh above which a note gives it
+MANY_PAIRS, MOST_PAIRS = 300_000, 5_000_000  # of shapes, above which a warning tells so, and which are refused
+PAIR_BYTES, PAIR_TIME = 700, 6e-6  # at most, of compiling each [B, s]
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
 
 
@@ -273,37 +276,96 @@ def _has_ground(solids: Sequence[Solid]) -> bool:
 # ---------------------------------------------------------------------------------------------- which
 
 
+class _Shapes(NamedTuple):
+    """What decides which shapes may touch, of each shape of a scene; a pair of rows i < j has the number i n + j."""
+
+    tree: np.ndarray
+    body: np.ndarray
+    moves: np.ndarray
+    surface: np.ndarray
+    ground: np.ndarray
+    on_points: np.ndarray
+    meeting: np.ndarray  # numbers of the pairs of one robot that can meet
+
+    @classmethod
+    def of(cls, parts: Parts) -> _Shapes:
+        """Gather it."""
+        rows = [(s.tree, s.body, s.moves, s.is_surface, s.link == GROUND, s.on_points) for s in parts.solids]
+        tree, body, *which = np.array(rows, int).reshape(-1, 6).T
+        moves, surface, ground, on_points = (one.astype(bool) for one in which)
+        meeting = _numbers(parts.meeting[:, 0], parts.meeting[:, 1], len(rows))
+        return cls(tree, body, moves, surface, ground, on_points, meeting)
+
+    def possible(self, pairs: np.ndarray) -> np.ndarray:
+        """Return which pairs (pairs,) can touch at all."""
+        i, j = np.divmod(pairs, len(self.tree))
+        on_points = (self.ground[i] & self.on_points[j]) | (self.ground[j] & self.on_points[i])
+        return (
+            (self.moves[i] | self.moves[j])
+            & (self.body[i] != self.body[j])
+            & ~on_points
+            & ~(self.surface[i] & self.surface[j])
+        )
+
+    def usual(self, pairs: np.ndarray) -> np.ndarray:
+        """Return which pairs (pairs,) touch unless the scene says otherwise."""
+        i, j = np.divmod(pairs, len(self.tree))
+        return self.possible(pairs) & ((self.tree[i] != self.tree[j]) | np.isin(pairs, self.meeting))
+
+    def every(self, apart: np.ndarray) -> np.ndarray:
+        """Return the usual pairs; raise ValueError, before any is listed, if without those apart they are too many."""
+        _check_count(self._count() - int(self.usual(apart).sum()))
+        n, still, found = len(self.tree), np.flatnonzero(~self.moves), []
+        for i in np.flatnonzero(self.moves).tolist():
+            pairs = _numbers(i, np.concatenate([still[still < i], np.arange(i + 1, n)]), n)
+            found.append(pairs[self.usual(pairs)])
+        return np.concatenate([np.zeros(0, np.int64), *found])
+
+    def _count(self) -> int:
+        """Return how many pairs of two trees, of which one moves, there are, and of one robot."""
+        each = np.unique(self.tree[self.moves], return_counts=True)[1]
+        moving, on_points = each.sum(), self.on_points[self.moves].sum() * self.ground.sum()
+        between = (moving**2 - (each**2).sum()) // 2
+        return int(between + moving * (~self.moves).sum() - on_points + len(self.meeting))
+
+
+def _numbers(one: Any, two: Any, n: int) -> np.ndarray:
+    """Return the numbers of pairs of n shapes."""
+    return np.minimum(one, two) * n + np.maximum(one, two)
+
+
+def _between(one: Sequence[int], two: Sequence[int], n: int) -> np.ndarray:
+    """Return the numbers of the pairs of each shape of one with each of another."""
+    return np.unique(_numbers(np.array(one, np.int64)[:, None], np.array(two, np.int64), n))
+
+
+def _check_count(count: int) -> None:
+    """Raise ValueError if pairs are too many to be compiled, and warn if it takes long."""
+    text = (
+        f"pairs: {count} pairs of shapes may touch each other, which take about {count * PAIR_BYTES / 1e9:.2g} GB and "
+        f"{count * PAIR_TIME:.2g} s to compile, and every step passes through all of them"
+    )
+    remedy = "give pairs of the names of those that meet, or exclude links"
+    if count > MOST_PAIRS:
+        raise ValueError(f"{text}; at most {MOST_PAIRS} are taken: {remedy}")
+    if count > MANY_PAIRS:
+        warnings.warn(f"{text}: {remedy}", stacklevel=7)
+
+
 def _chosen(parts: Parts, option: PairContact, excluded: Iterable[tuple[str, str]]) -> np.ndarray:
-    """Return the rows (pairs, 2) of the shapes that may touch each other."""
-    solids, n = parts.solids, len(parts.solids)
-    tree, body = np.array([s.tree for s in solids], int), np.array([s.body for s in solids], int)
-    moves = np.array([s.moves for s in solids], bool)
-    possible = (moves[:, None] | moves) & (body[:, None] != body)
-    for k in (k for k, solid in enumerate(solids) if solid.link == GROUND):
-        possible[k] &= [not solid.on_points for solid in solids]
-        possible[:, k] = possible[k]
-    surface = np.array([solid.is_surface for solid in solids], bool)
-    possible &= ~(surface[:, None] & surface)
-    usual = possible & (tree[:, None] != tree)
-    usual[tuple(parts.meeting.T)] = usual[tuple(parts.meeting.T[::-1])] = True
-    usual &= possible
-    rows = _rows_by_name(solids)
-    apart = np.zeros((n, n), bool)
-    for one, two in excluded:
-        _mark(apart, rows.get(one, []), rows.get(two, []))
+    """Return the rows (pairs, 2) of the shapes that may touch each other, in their order."""
+    n, shapes, rows = len(parts.solids), _Shapes.of(parts), _rows_by_name(parts.solids)
+    none = np.zeros(0, np.int64)
+    apart = np.unique(np.concatenate([none, *(_between(rows.get(a, []), rows.get(b, []), n) for a, b in excluded)]))
     if isinstance(option.select, str):
-        chosen = usual if option.select == ALL else np.zeros_like(usual)
+        chosen = shapes.every(apart) if option.select == ALL else none
     else:
-        chosen = np.zeros_like(usual)
-        for pair in option.select:
-            chosen |= _asked_for(pair, rows, usual, possible, apart)
-    return np.argwhere(np.triu(chosen & ~apart, 1))
+        chosen = np.concatenate([none, *(_asked_for(pair, rows, shapes, apart) for pair in option.select)])
+    return np.stack(np.divmod(np.setdiff1d(chosen, apart), max(n, 1)), axis=1)
 
 
-def _asked_for(
-    pair: tuple[str, str], rows: dict[str, list[int]], usual: np.ndarray, possible: np.ndarray, apart: np.ndarray
-) -> np.ndarray:
-    """Return which shapes (n, n) a pair of names stands for; raise ValueError if it is none."""
+def _asked_for(pair: tuple[str, str], rows: dict[str, list[int]], shapes: _Shapes, apart: np.ndarray) -> np.ndarray:
+    """Return the numbers of the pairs that a pair of names stands for; raise ValueError if it is none."""
     for name in pair:
         if name not in rows:
             known = ", ".join(map(repr, list(rows)[:20]))
@@ -311,17 +373,13 @@ def _asked_for(
                 f"pairs: {name!r} is no member, obstacle or link with a collision shape; expected one of {known}: "
                 "correct the name, or give the link a shape"
             )
-    found = np.zeros_like(usual)
-    _mark(found, *(rows[name] for name in pair))
-    found &= possible if all(SEPARATOR in name for name in pair) else usual
-    if not (found & ~apart).any():
-        cause = "are excluded" if (found & apart).any() else "are neighbors, do not move, or have contact points there"
+    one, two = (rows[name] for name in pair)
+    found = _between(one, two, len(shapes.tree))
+    found = found[shapes.possible(found) if all(SEPARATOR in name for name in pair) else shapes.usual(found)]
+    if np.isin(found, apart).all():
+        cause = "are excluded" if len(found) else "are neighbors, do not move, or have contact points there"
         raise ValueError(f"pairs: {pair[0]!r} and {pair[1]!r} cannot touch: all their shapes {cause}; leave them out")
     return found
-
-
-def _mark(matrix: np.ndarray, one: Sequence[int], two: Sequence[int]) -> None:
-    matrix[np.ix_(one, two)] = matrix[np.ix_(two, one)] = True
 
 
 def _rows_by_name(solids: Sequence[Solid]) -> dict[str, list[int]]:
@@ -356,7 +414,10 @@ def _table(solids: Sequence[Solid], chosen: np.ndarray) -> np.recarray:
     table.a, table.b, table.tree_a, table.tree_b = a, b, tree[a], tree[b]
     table.body_a, table.body_b, table.folded = body[a], body[b], 1 - moves[b]
     kinds = [solid.kind for solid in solids]
-    table.slots = [points_of({kinds[i], kinds[j]}) for i, j in zip(a.tolist(), b.tolist())]
+    known = [*dict.fromkeys(kinds)]
+    kind = np.array([known.index(one) for one in kinds])
+    slots = np.array([[points_of({x, y}) for y in known] for x in known])
+    table.slots = slots[kind[a], kind[b]]
     return table
 
 
@@ -396,17 +457,18 @@ def _with_rows(table: np.recarray, tree: Tree, pointed: np.ndarray) -> tuple[np.
     table.body_b = np.where(still, 0, table.body_b)
     table.row_a = bodies.contact[table.body_a]
     table.row_b = np.where(still, 0, bodies.contact[table.body_b])
-    table.meet = [
-        _common(bodies.parent, row.body_a, row.body_b) if row.tree_a == row.tree_b else len(bodies) for row in table
-    ]
+    parent, same = bodies.parent.tolist(), np.flatnonzero(table.tree_a == table.tree_b)
+    meet, both = np.full(len(table), len(bodies)), zip(table.body_a[same].tolist(), table.body_b[same].tolist())
+    meet[same] = [_common(parent, a, b) for a, b in both]
+    table.meet = meet
     return table, tree._replace(bodies=bodies, rows=tree.rows + len(new)), own
 
 
-def _common(parent: np.ndarray, a: int, b: int) -> int:
+def _common(parent: Sequence[int], a: int, b: int) -> int:
     """Return the last body that two bodies of one tree hang on."""
     while a != b:
         a, b = (parent[a], b) if a > b else (a, parent[b])
-    return int(a)
+    return a
 
 
 def _fill_law(
@@ -448,13 +510,16 @@ def _coefficients(
     """Return the coefficients (pairs, 3) of sliding [-], spinning and rolling [m] of each pair."""
     assert options.pairs is not None
     frictions, ground = Frictions(stated, options.pairs), options.ground.friction if options.ground else 0.0
+    kinds: dict[Any, int] = {}  # shapes with the same coefficients of which the scene states the same
+    kind = np.array([kinds.setdefault(frictions.kind(solid.names, solid.shape), len(kinds)) for solid in solids])
+    _, first, of = np.unique(kind[table.a] * len(kinds) + kind[table.b], return_index=True, return_inverse=True)
     found = []
-    for a, b in ((solids[row.a], solids[row.b]) for row in table):
+    for a, b in ((solids[row.a], solids[row.b]) for row in table[first]):
         if b.link == GROUND:
             found.append(frictions.on_ground(a.names, a.shape, ground))
         else:
             found.append(frictions.of((a.names, b.names), a.shape, b.shape))
-    return np.array(found)
+    return np.array(found)[of]
 
 
 def _turning(table: np.recarray, shapes: Shapes, torsional: np.ndarray, rolling: np.ndarray) -> np.recarray | None:

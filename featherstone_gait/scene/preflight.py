@@ -22,7 +22,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..base.arguments import one_of, real
-from ..base.fixed_order import product, solve
+from ..base.fixed_order import product, solve, total
 from ..core.effects import contact, drag, joint_spring, tendon
 from ..core.effects.friction import DRY, SOFT
 from ..core.integrate import INTEGRATORS
@@ -114,14 +114,14 @@ def preflight(
     Raises ValueError on names and steps that do not exist.
     """
     n, mobility = len(model.moving_joints), joint_mobility(model, drive.armature, tendons)
-    names = [*model.joint_names, *(one.name for one in tendons)]
-    inertias = tuple(1.0 / float(x) if x > 0 else LARGEST for x in np.diag(mobility))
+    names, own = [*model.joint_names, *(one.name for one in tendons)], mobility.diagonal()
+    inertias = tuple(1.0 / float(x) if x > 0 else LARGEST for x in own)
     dampers, stiff, rotors = _acting(model, drive, friction, tendons)
     limits = []
-    for k, (name, share) in enumerate(zip(names, np.diag(mobility))):
+    for k, (name, share) in enumerate(zip(names, own)):
         each = ({cause: c[k] for cause, c in acting.items()} for acting in (dampers, stiff))
         limits.append(joint_limit(name, 1.0 / share if share > 0 else math.inf, *each))
-    mobility[:n, :n] += np.diag(np.broadcast_to(rotors, n))
+    mobility = mobility.with_rotors(np.broadcast_to(rotors, n))
     damping, stiffness = (sum(acting.values(), np.zeros(len(names))) for acting in (dampers, stiff))
     _check_size(model, names, mobility, np.maximum(damping, stiffness))
     steps: tuple[float, ...] = _together(mobility, damping, stiffness, dampers.get(DRY))
@@ -192,9 +192,7 @@ def _acting(
     return dampers, stiff, rotors
 
 
-def _together(
-    mobility: np.ndarray, dampers: np.ndarray, stiff: np.ndarray, dry: np.ndarray | None
-) -> tuple[float, ...]:
+def _together(mobility: Mobility, dampers: np.ndarray, stiff: np.ndarray, dry: np.ndarray | None) -> tuple[float, ...]:
     """Compute the largest explicit step and the sliding one; eigenvalues are expensive and computed once.
 
     dry: what of the dampers is dry friction while it sticks.
@@ -204,15 +202,16 @@ def _together(
     return largest, sliding
 
 
-def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np.ndarray) -> None:
+def _check_size(model: Model, names: list[str], mobility: Mobility, acting: np.ndarray) -> None:
     """Raise ValueError for numbers whose product overflows."""
+    own = mobility.diagonal()
     with np.errstate(over="ignore", invalid="ignore"):
-        bad = np.flatnonzero(~np.isfinite(mobility * acting).all(axis=0))
+        bad = np.flatnonzero(~np.isfinite(np.sqrt(own) * np.sqrt(own).max(initial=0.0) * acting))
     if bad.size:
         k = bad[0]
         raise ValueError(
             f"{model.name}: {names[k]}: a stiffness or damping of {acting[k]:g} [SI] on an inertia of "
-            f"{1.0 / mobility[k, k]:g} [SI] is beyond what can be computed; correct servo, gearbox or inertia, and "
+            f"{1.0 / own[k]:g} [SI] is beyond what can be computed; correct servo, gearbox or inertia, and "
             "mind their units"
         )
 
@@ -249,13 +248,38 @@ def _by(check: Preflight) -> str:
     return f" ({least.joint}: {least.cause})" if least else ""
 
 
-def coupled_limit(mobility: np.ndarray, dampings: np.ndarray, springs: np.ndarray) -> float:
-    """Compute the limit of all joints together [s].
+class Mobility(NamedTuple):
+    """The accelerations of joints and lengths by forces on them, J M^-1 J' (rows, rows) [1/(kg m^2), 1/kg].
 
-    mobility (n, n) = M^-1 [1/(kg m^2)], one damper and spring for each joint.  With tendons, mobility = J M^-1 J' has a
-    row for each of them too [1/kg].
+    Rows are the joints, then the lengths.  There may be many more of these than coordinates, so that it is kept as the
+    product of two matrices.
     """
-    largest = [max(np.linalg.eigvals(mobility * x).real, default=0.0) for x in (dampings, springs)]
+
+    left: np.ndarray  # J (rows, k)
+    right: np.ndarray  # M^-1 J' (k, rows)
+
+    def diagonal(self) -> np.ndarray:
+        """Return the diagonal (rows,)."""
+        return total(self.left * self.right.T)
+
+    def with_rotors(self, rotors: np.ndarray) -> Mobility:
+        """Return it with the mobility (joints,) of rotors behind the gears of joints."""
+        if not rotors.any():
+            return self
+        own = np.eye(len(self.left), len(rotors))
+        return Mobility(np.hstack([self.left, own * rotors]), np.vstack([self.right, own.T]))
+
+    def largest(self, acting: np.ndarray) -> float:
+        """Return the largest eigenvalue of its product with dampers or springs (rows,)."""
+        if len(self.left) > len(self.right):  # the same, of the factors in the other order
+            return max(np.linalg.eigvals((self.right * acting) @ self.left).real, default=0.0)
+        root = np.sqrt(np.maximum(acting, 0.0))  # a symmetric matrix of the same eigenvalues takes a tenth of the time
+        return max(np.linalg.eigvalsh(product(self.left, self.right) * root * root[:, None]), default=0.0)
+
+
+def coupled_limit(mobility: Mobility, dampings: np.ndarray, springs: np.ndarray) -> float:
+    """Compute the limit of all joints and lengths together [s]; dampings, springs: (rows,), one for each."""
+    largest = [mobility.largest(x) for x in (dampings, springs)]
     damped = 2.0 / largest[0] if largest[0] > 0 else np.inf
     return float(min(damped, 2.0 / np.sqrt(largest[1]) if largest[1] > 0 else np.inf))
 
@@ -268,18 +292,17 @@ def joint_limit(name: str, inertia: float, dampings: dict[str, float], springs: 
     return min(limits, key=lambda limit: limit.step)
 
 
-def joint_mobility(model: Model, armature: np.ndarray | None, tendons: Sequence[Tendon]) -> np.ndarray:
-    """Compute J M^-1 J' (n + tendons, ...), the accelerations of joints and tendons' lengths by forces on them.
+def joint_mobility(model: Model, armature: np.ndarray | None, tendons: Sequence[Tendon]) -> Mobility:
+    """Compute the accelerations of joints and tendons' lengths by forces on them.
 
     It is that of the `regular_posture`.  J holds the joints' own directions, then how fast each tendon lengthens.  With
     couplings M^-1 is G (G' M G)^-1 G', G of `coupling_matrix`.
     """
-    found = _mobility(model.skeleton, None if armature is None else armature.tobytes(), tuple(tendons))
-    return found.copy()
+    return _mobility(model.skeleton, None if armature is None else armature.tobytes(), tuple(tendons))
 
 
 @functools.lru_cache(maxsize=8)
-def _mobility(model: Model, rotors: bytes | None, tendons: tuple[Tendon, ...]) -> np.ndarray:
+def _mobility(model: Model, rotors: bytes | None, tendons: tuple[Tendon, ...]) -> Mobility:
     armature = None if rotors is None else np.frombuffer(rotors)
     n, q = len(model.moving_joints), regular_posture(model)
     J = np.zeros((n + len(tendons), model.nv))
@@ -292,4 +315,4 @@ def _mobility(model: Model, rotors: bytes | None, tendons: tuple[Tendon, ...]) -
         M = M + product(J[n:].T * heavy, J[n:])
     if len(G) > len(G.T):
         M, J = product(product(G.T, M), G), product(J, G)
-    return product(J, solve(M, J.T))
+    return Mobility(J, solve(M, J.T))

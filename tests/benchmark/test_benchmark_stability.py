@@ -10,7 +10,7 @@ from featherstone_gait.benchmark.linear_stability import growth, linearized
 from featherstone_gait.benchmark.stability import IDEAL, PERIOD, Point, arm, linear_step
 from featherstone_gait.dynamics import mass_matrix
 from featherstone_gait.robot_file import load_servo, save_robot
-from featherstone_gait.scene.preflight import coupled_limit
+from featherstone_gait.scene.preflight import Mobility, coupled_limit
 from featherstone_gait.study import read_study
 from featherstone_gait.study.bisection import largest
 from featherstone_gait.study.measures import run_batch
@@ -78,7 +78,9 @@ def test_linear_theory_of_a_rigid_gearbox_is_that_of_coupled_dampers(joints):
     model, servo = arm(joints), load_servo("ax12", **IDEAL)
     linear = linearized(model, servo, "standard")
     mobility = np.linalg.inv(mass_matrix(model, np.zeros(joints)))
-    limit = coupled_limit(mobility, np.full(joints, damper(model, servo)), np.zeros(joints))
+    limit = coupled_limit(
+        Mobility(np.eye(len(mobility)), mobility), np.full(joints, damper(model, servo)), np.zeros(joints)
+    )
     assert growth("simtwo", linear, 1e-3, 0.998 * limit, PERIOD) < 1.0
     assert growth("simtwo", linear, 1e-3, 1.002 * limit, PERIOD) > 1.0
 

@@ -11,7 +11,7 @@ from featherstone_gait.robot_file import load_robot, load_servo
 from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import initial_state, simulate
 from featherstone_gait.scene.compile import compile_scene
-from featherstone_gait.scene.preflight import coupled_limit, joint_limit
+from featherstone_gait.scene.preflight import Mobility, coupled_limit, joint_limit
 
 
 def amplification(mobility, dampings, springs, h):
@@ -29,7 +29,7 @@ def test_coupled_limit_is_where_the_linear_step_stops_being_stable(damping, spri
 
     mobility = np.linalg.inv(mass_matrix(model, np.zeros(7)))
     dampings, springs = np.full(7, damping), np.full(7, spring)
-    limit = coupled_limit(mobility, dampings, springs)
+    limit = coupled_limit(Mobility(np.eye(len(mobility)), mobility), dampings, springs)
     assert amplification(mobility, dampings, springs, 0.999 * limit) < 1 + 1e-9
     assert amplification(mobility, dampings, springs, 1.001 * limit) > 1 + 1e-6
 

@@ -83,23 +83,28 @@ def _stronger(m: Any, one: np.ndarray, other: np.ndarray, values: np.ndarray) ->
 
 
 def pair_frictions(
-    m: Any, shapes: Mapping[int, Shape], collide: np.ndarray, names: Mapping[int, str]
+    m: Any, shapes: Mapping[int, Shape], rows: list[int], collide: np.ndarray, names: Mapping[int, str]
 ) -> list[PairFriction]:
     """Return the frictions of pairs of geoms that do not follow from those of their shapes.
 
-    collide: (n, n) whether two of them touch each other; names: what the shapes are called in the scene.
+    collide: (rows, n) which those in these rows touch; names: what the shapes are called in the scene.
     """
     geoms = np.array([*shapes], int)
     ranked = [g for g, shape in shapes.items() if shape.priority is not None]
-    one, two = (geoms[at] for at in np.nonzero(np.triu(collide, 1)))
-    usual = np.isin(one, ranked) & np.isin(two, ranked) & ~_joined(m, one, two)
-    one, two = one[usual], two[usual]
+    has_rank, moves = np.isin(geoms, ranked), np.isin(np.arange(len(geoms)), rows)
     numbers = np.zeros((m.ngeom, 3))
     for g, shape in shapes.items():
         numbers[g] = [shape.friction or 0.0, shape.torsional_friction or 0.0, shape.rolling_friction or 0.0]
-    found = _combined(m, one, two)
-    other = (found != _stronger(m, one, two, numbers)).any(axis=1)
-    stated = dict(zip(zip(one[other].tolist(), two[other].tolist()), found[other].tolist()))
+    differing: list[tuple[tuple[int, int], list[float]]] = []
+    for k, touched in zip(rows, collide):  # one after the other: all pairs together take too much memory
+        once = np.flatnonzero(touched & has_rank & has_rank[k] & ((np.arange(len(geoms)) > k) | ~moves))
+        one, two = np.minimum(geoms[k], geoms[once]), np.maximum(geoms[k], geoms[once])
+        usual = ~_joined(m, one, two)
+        one, two = one[usual], two[usual]
+        found = _combined(m, one, two)
+        other = (found != _stronger(m, one, two, numbers)).any(axis=1)
+        differing += zip(zip(one[other].tolist(), two[other].tolist()), found[other].tolist())
+    stated: dict[tuple[int, int], Iterable[float]] = dict(sorted(differing))
     for k, both in enumerate(zip(m.pair_geom1.tolist(), m.pair_geom2.tolist())):
         if {*both} <= shapes.keys():
             stated[min(both), max(both)] = _of_pair(m, k)

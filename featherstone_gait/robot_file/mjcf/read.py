@@ -77,8 +77,9 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     for sentence in (*notes(m, tree), *slack, *said, *left, *touching.remarks, *actuators.remarks, *remarks):
         report.remark(sentence)
     geoms = [g for g in touching.friction if tree.holds(m, int(m.geom_bodyid[g]))]
-    meeting = collisions(m, geoms, paired_geoms(m), stated.is_there)
-    apart = links_apart([tree.bodies[m.geom_bodyid[g]] for g in geoms], meeting)
+    every = [*range(len(geoms))]
+    meeting = collisions(m, geoms, every, paired_geoms(m), stated.is_there)
+    apart = links_apart([tree.bodies[m.geom_bodyid[g]] for g in geoms], every, meeting)
     return Robot(
         name_of(m, path), tree.links, actuators.joints, shapes, tree.base, held_by(m, tree), actuators.servos,
         postures_of(m, tree), tuple(apart), read_loops(m, tree, equality_names(m)),

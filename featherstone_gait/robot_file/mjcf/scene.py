@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -106,7 +107,8 @@ class Solids(NamedTuple):
 
     shapes: dict[int, Shape]  # by geom, in the frame of its body, without a link
     friction: dict[int, tuple[float | None, float | None]]  # sliding, rolling on the ground; None is the ground's
-    collide: np.ndarray  # (n, n) whether two of them touch each other, in the order of `shapes`
+    rows: list[int]  # in this order, of the geoms of trees that move
+    collide: np.ndarray  # (rows, n) which they touch
 
 
 @np.errstate(all="ignore")  # Link, Joint and the like refuse what is not finite
@@ -120,6 +122,7 @@ def read_scene(path: Path, report: Report) -> Content:
     bodies, joints, mimics = names_of(m, "body", m.nbody), names_of(m, "joint", m.njnt), couplings(m)
     everything = Tree((), (), "fixed", 0, (), bodies, joints, several=True)
     moving = moving_trees(m)
+    trees_that_move = {*moving}
     for problem in (*refusals(m, everything), *_between_trees(m, mimics, joints)):
         report.refuse(None, problem)
     if not moving:
@@ -138,26 +141,30 @@ def read_scene(path: Path, report: Report) -> Content:
     prefixes = _prefixes(m)
     solids = _solids(m, floor, stated, unranked, report, prefixes, texts.points())
     owners: dict[int, str] = {}  # link in the scene of each geom
-    members, obstacles, taken, trees = [], [], list[str](), dict[int, tuple[str, Tree]]()
+    members, obstacles, taken, trees = [], [], set[str](), dict[int, tuple[str, Tree]]()
+    geoms_of: dict[int, list[int]] = {}
+    for g in solids.shapes:
+        geoms_of.setdefault(int(m.body_rootid[m.geom_bodyid[g]]), []).append(g)
     for top in top_bodies(m):
-        own = [b for b in range(1, m.nbody) if m.body_rootid[b] == top]
+        geoms = geoms_of.get(top, [])
         name = unused(prefixes.get(top, bodies[top].replace(SEPARATOR, "_")), taken)
-        if top in moving:
+        if top in trees_that_move:
             tree = _tree(m, top, prefixes.get(top, ""), bodies, joints, mimics)
-            members.append(_member(m, tree, top, name, solids, report, prefixes.get(top, ""), texts))
+            members.append(_member(m, tree, top, name, geoms, solids, report, prefixes.get(top, ""), texts))
             trees[top] = name, tree
             links = tree.bodies
-        elif geoms := [g for g in solids.shapes if m.geom_bodyid[g] in own]:
+        elif geoms:
             obstacles.append(_obstacle(m, top, name, geoms, solids, texts, report))
             links = [OBSTACLE] * m.nbody
         else:
             continue
-        taken.append(name)
-        owners.update({g: link_name(name, links[m.geom_bodyid[g]]) for g in solids.shapes if m.geom_bodyid[g] in own})
+        taken.add(name)
+        owners.update({g: link_name(name, links[m.geom_bodyid[g]]) for g in geoms})
+    used = {*taken, *bodies}
     for g in (g for g in solids.shapes if m.geom_bodyid[g] == 0):
-        name = unused((m.geom(g).name or f"geom{g}").replace(SEPARATOR, "_"), [*taken, *bodies])
+        name = unused((m.geom(g).name or f"geom{g}").replace(SEPARATOR, "_"), used)
         obstacles.append(_obstacle(m, 0, name, [g], solids, texts, report))
-        taken.append(name)
+        used.add(name)
         owners[g] = link_name(name, OBSTACLE)
     sensors, said = read_sensors(m, lambda b: None)
     for sentence in (*notes(m, everything), *said, *remarks):
@@ -176,14 +183,15 @@ def _frictions(
     m: Any, solids: Solids, owners: Mapping[int, str], floor: int | None, report: Report
 ) -> tuple[PairFriction, ...]:
     """Return the frictions of two shapes that do not follow from theirs; report what of their contact is not read."""
-    bodies = [g for g, row in zip(solids.shapes, solids.collide) if row.any()]
+    touched = {*np.flatnonzero(np.any(solids.collide, axis=0)).tolist()}
+    bodies = [g for k, g in enumerate(solids.shapes) if k in touched]
     low = [*solids.friction, *([] if floor is None else [floor])]
     for sentence in friction_doubts(m, [*bodies, *low]):
         report.doubt(sentence)
     for sentence in slack_notes(m, [*bodies, *low]):
         report.remark(sentence)
     names = {g: link_name(owners[g], shape.name) for g, shape in solids.shapes.items()}
-    return tuple(pair_frictions(m, solids.shapes, solids.collide, names))
+    return tuple(pair_frictions(m, solids.shapes, solids.rows, solids.collide, names))
 
 
 def _pairs(documents: Iterable[Element]) -> PairWord | tuple[tuple[str, str], ...] | PairContact:
@@ -224,30 +232,35 @@ def _switched_off(m: Any) -> Iterator[str]:
 
 def _prefixes(m: Any) -> dict[int, str]:
     """Return the NAME of each tree whose names all begin with NAME/, if no other tree has it."""
-    found: dict[int, str] = {}
-    for top in top_bodies(m):
-        own = [m.body(b).name for b in range(1, m.nbody) if m.body_rootid[b] == top]
-        own += [m.joint(j).name for j in range(m.njnt) if m.body_rootid[m.jnt_bodyid[j]] == top]
-        starts = {name.partition(SEPARATOR)[0] if SEPARATOR in name else "" for name in own if name}
-        found[top] = starts.pop() if len(starts) == 1 else ""
-    return {top: name for top, name in found.items() if name and [*found.values()].count(name) == 1}
+    starts: dict[int, set[str]] = {top: set() for top in top_bodies(m)}
+    named = [(b, m.body(b).name) for b in range(1, m.nbody)]
+    named += [(b, m.joint(j).name) for j, b in enumerate(m.jnt_bodyid.tolist())]
+    for b, name in named:
+        if name:
+            starts[int(m.body_rootid[b])].add(name.partition(SEPARATOR)[0] if SEPARATOR in name else "")
+    found = {top: one.pop() for top, one in starts.items() if len(one) == 1}
+    times = Counter(found.values())
+    return {top: name for top, name in found.items() if name and times[name] == 1}
 
 
 def _tree(m: Any, top: int, prefix: str, bodies: list[str], joints: list[str], mimics: dict[int, Line]) -> Tree:
     """Read a tree, whose names are given without its prefix."""
     start = f"{prefix}{SEPARATOR}"
     if prefix:
-        bodies = [x.removeprefix(start) if m.body_rootid[b] == top else x for b, x in enumerate(bodies)]
-        own = m.body_rootid[m.jnt_bodyid] == top
-        joints = [x.removeprefix(start) if own[j] else x for j, x in enumerate(joints)]
-    bodies = [x or unused(f"body{b}", bodies) for b, x in enumerate(bodies)]
-    joints = [x or unused(f"joint{j}", joints) for j, x in enumerate(joints)]
+        bodies, joints = [*bodies], [*joints]
+        for names, own in ((bodies, m.body_rootid == top), (joints, m.body_rootid[m.jnt_bodyid] == top)):
+            for k in np.flatnonzero(own).tolist():
+                names[k] = names[k].removeprefix(start)
+        for kind, names in (("body", bodies), ("joint", joints)):
+            for k in (k for k, name in enumerate(names) if not name):
+                names[k] = unused(f"{kind}{k}", names)
     return tree_at(m, top, bodies, joints, mimics)
 
 
 def _member(
-    m: Any, tree: Tree, top: int, name: str, solids: Solids, report: Report, prefix: str, texts: Stated
+    m: Any, tree: Tree, top: int, name: str, own: list[int], solids: Solids, report: Report, prefix: str, texts: Stated
 ) -> Part:
+    """Read a tree; own: its geoms."""
     joints: tuple[Joint, ...] = tree.joints
     servos, drives, stated = dict[str, Servo](), dict[int, Controller](), Settings()
     with report.blaming():
@@ -258,7 +271,6 @@ def _member(
             report.doubt(sentence)
         for sentence in actuators.remarks:
             report.remark(sentence)
-    own = [g for g in solids.shapes if m.body_rootid[m.geom_bodyid[g]] == top]
     found = (replace(solids.shapes[g], link=tree.bodies[m.geom_bodyid[g]]) for g in own)
     shapes = dict(zip(own, as_stated(found, stated.shapes)))
     sensors, said = read_sensors(
@@ -350,15 +362,17 @@ def _solids(
         report.doubt(f"ignored geoms {quoted(geoms)} of type {kind}, which no shape is")
     moving = [g for g in shapes if m.body_weldid[m.geom_bodyid[g]]]
     friction = {g: mu for g in moving for mu in friction_on_floor(m, g, floor, stated)}
-    return Solids(shapes, friction, collisions(m, [*shapes], paired))
+    trees = {*moving_trees(m)}
+    rows = [k for k, g in enumerate(shapes) if int(m.body_rootid[m.geom_bodyid[g]]) in trees]
+    return Solids(shapes, friction, rows, collisions(m, [*shapes], rows, paired))
 
 
 def _excluded(solids: Solids, owners: Mapping[int, str], still: list[str]) -> list[tuple[str, str]]:
     """Return the pairs of links that never touch, without those of two obstacles, and links that touch no ground."""
-    apart = links_apart([owners[g] for g in solids.shapes], solids.collide)
-    low = {owners[g] for g in solids.friction}
-    high = [link for link in dict.fromkeys(owners[g] for g in solids.shapes) if link not in {*still, *low}]
-    return [*(pair for pair in apart if not {*pair} <= {*still}), *((link, GROUND) for link in high)]
+    apart = links_apart([owners[g] for g in solids.shapes], solids.rows, solids.collide)
+    without = {*still, *(owners[g] for g in solids.friction)}
+    high = [link for link in dict.fromkeys(owners[g] for g in solids.shapes) if link not in without]
+    return [*apart, *((link, GROUND) for link in high)]
 
 
 # ---------------------------------------------------------------------------------------------- ground

@@ -97,30 +97,40 @@ def paired_geoms(m: Any) -> set[tuple[int, int]]:
     return {(int(one), int(two)) for one, two in zip(m.pair_geom1, m.pair_geom2)}
 
 
-def collisions(m: Any, geoms: list[int], paired: set[tuple[int, int]], alike: bool = False) -> np.ndarray:
-    """Return which geoms (n, n) may touch each other by contype and conaffinity, <exclude> and <pair>.
+def collisions(
+    m: Any, geoms: list[int], rows: list[int], paired: set[tuple[int, int]], alike: bool = False
+) -> np.ndarray:
+    """Return which of the geoms in some rows (k,) may touch which (k, n).
 
-    alike: whether contype and conaffinity do not count.
+    That is by contype and conaffinity, <exclude> and <pair>.  alike: whether contype and conaffinity do not count.
     """
     kind, affinity, body = (x[geoms] for x in (m.geom_contype, m.geom_conaffinity, m.geom_bodyid))
-    found = (kind[:, None] & affinity != 0) | alike
-    found |= found.T
+    found = (kind[rows, None] & affinity != 0) | (affinity[rows, None] & kind != 0) | alike
     for one, two in excluded_bodies(m):
-        found[np.ix_(body == one, body == two)] = False
-    row = {g: k for k, g in enumerate(geoms)}
-    for one, two in paired:
-        if one in row and two in row:
-            found[row[one], row[two]] = found[row[two], row[one]] = True
+        found[np.ix_(body[rows] == one, body == two)] = False
+    column, row = {g: k for k, g in enumerate(geoms)}, {geoms[r]: k for k, r in enumerate(rows)}
+    for pair in paired:
+        for one, two in (pair, pair[::-1]):
+            if one in row and two in column:
+                found[row[one], column[two]] = True
     return found
 
 
-def links_apart(owners: list[str], collide: np.ndarray) -> list[tuple[str, str]]:
-    """Return the pairs of links of which no geoms touch; owners: the link of each geom; collide (n, n): which do."""
-    links = list(dict.fromkeys(owners))
-    belongs = np.array([[owner == link for owner in owners] for link in links], float).reshape(len(links), len(owners))
-    touch = belongs @ collide.astype(float) @ belongs.T > 0
-    one, two = np.nonzero(np.triu(~touch, 1))
-    return [(links[i], links[j]) for i, j in zip(one, two)]
+def links_apart(owners: list[str], rows: list[int], collide: np.ndarray) -> list[tuple[str, str]]:
+    """Return the pairs of links, one of them of a geom in some rows (k,), of which no geoms touch.
+
+    owners: the link of each geom; collide: the `collisions` (k, n) of these rows.
+    """
+    links = {link: k for k, link in enumerate(dict.fromkeys(owners))}
+    of = np.array([links[owner] for owner in owners], int)
+    own = np.unique(of[rows])
+    touch = np.zeros((len(own), len(links)), bool)
+    for k, row in zip(np.searchsorted(own, of[rows]), collide):
+        touch[k, of[row]] = True
+    one, two = np.nonzero(~touch)
+    pairs = {(min(both), max(both)) for both in zip(own[one].tolist(), two.tolist()) if both[0] != both[1]}
+    names = [*links]
+    return [(names[i], names[j]) for i, j in sorted(pairs)]
 
 
 def _friction(m: Any, pair: int, stated: bool) -> float | None:

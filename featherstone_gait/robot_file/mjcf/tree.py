@@ -41,10 +41,13 @@ class Tree(NamedTuple):
     bodies: list[str]  # link name of each body
     joint_names: list[str]  # of each MuJoCo joint
     several: bool = False  # each body of the world begins a tree of its own, as in a scene
+    top: int = 0  # of a tree of a scene whose root is the world, the body of the world that it begins with
 
     def holds(self, m: Any, b: int) -> bool:
         """Return whether a body is one of the links, or the world that carries them."""
-        return m.body_rootid[b] == self.root if self.root else m.body_rootid[b] not in self.left
+        if self.root or self.top:
+            return m.body_rootid[b] == (self.root or self.top) or (self.top > 0 and b == 0)
+        return m.body_rootid[b] not in self.left
 
     def joins(self, m: Any, bodies: Iterable[int]) -> bool:
         """Return whether bodies are links of one tree, so that what acts between them can be simulated."""
@@ -71,8 +74,8 @@ def tree_at(m: Any, top: int, bodies: list[str], names: list[str], mimics: dict[
     base: Base = "floating" if top in _free(m) else "fixed"
     if base == "floating" or not m.body_jntnum[top]:
         return _read(m, Tree((), (), base, top, (), bodies, names), mimics)
-    others = tuple(b for b in top_bodies(m) if b != top)
-    return _read(m, Tree((), (), base, 0, others, [unused("base", bodies), *bodies[1:]], names), mimics, top)
+    tree = Tree((), (), base, 0, (), [unused("base", bodies), *bodies[1:]], names, top=top)
+    return _read(m, tree, mimics, top)
 
 
 def top_bodies(m: Any) -> list[int]:
@@ -85,7 +88,8 @@ def _read(m: Any, tree: Tree, mimics: dict[int, Line], top: int = 0) -> Tree:
     root, bodies, names = tree.root, tree.bodies, tree.joint_names
     links = [_link(m, root, bodies[root])]
     joints: list[Joint] = []
-    for b in range(1, m.nbody):
+    begins = root or tree.top
+    for b in np.flatnonzero(m.body_rootid == begins).tolist() if begins else range(1, m.nbody):
         if b != root and tree.holds(m, b):
             place = (np.eye(3), np.zeros(3)) if b == top else (rotation_from_quaternion(m.body_quat[b]), m.body_pos[b])
             chain = _chain(m, b, place, bodies, names, [joint.name for joint in joints])
@@ -375,12 +379,13 @@ def _corners(m: Any, mesh: int) -> np.ndarray:
 def names_of(m: Any, kind: str, count: int) -> list[str]:
     """Return unique names of all elements of a kind ("body", "joint", ...)."""
     given = [getattr(m, kind)(k).name for k in range(count)]
-    return [name or unused(f"{kind}{k}", given) for k, name in enumerate(given)]
+    taken = set(given)
+    return [name or unused(f"{kind}{k}", taken) for k, name in enumerate(given)]
 
 
 def unused(name: str, taken: Iterable[str]) -> str:
     """Lengthen a name until nothing else has it."""
-    taken = set(taken)
+    taken = taken if isinstance(taken, (set, dict)) else set(taken)
     while name in taken:
         name += "_"
     return name
