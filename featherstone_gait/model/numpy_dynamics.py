@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -76,11 +76,24 @@ def regular_posture(model: Model) -> np.ndarray:
     bodies, floating = rigid_bodies(model)[0], model.base == "floating"
     if resisting(bodies, floating):
         return q
-    keyframes = (_positions(model, np.array(one)) for one in model.keyframes.values())
-    tried = (_positions(model, q), *postures(bodies, model.couplings, keyframes))
+    tried = (_positions(model, q), *_postures(model))
     at = next((at for at in tried if not flaws_at(bodies, floating, at)[0]), tried[0])
-    joints = at[1:][np.argsort(_coordinates(model), kind="stable")]
-    return at_joints(model, joints)
+    return _with_joints(model, at)
+
+
+def sampled_postures(model: Model) -> np.ndarray:
+    """Return postures (k, nq): the one nearest to zero, the keyframes, and others within the limits of the joints."""
+    return np.array([_with_joints(model, at) for at in _postures(model)])
+
+
+def _postures(model: Model) -> Iterator[np.ndarray]:
+    keyframes = (_positions(model, np.array(one)) for one in model.keyframes.values())
+    return postures(rigid_bodies(model)[0], model.couplings, keyframes)
+
+
+def _with_joints(model: Model, at: np.ndarray) -> np.ndarray:
+    """Return q (nq,) with the joint positions (rows,) of the bodies."""
+    return at_joints(model, at[1:][np.argsort(_coordinates(model), kind="stable")])
 
 
 def at_joints(model: Model, joints: Sequence[float] | np.ndarray) -> np.ndarray:

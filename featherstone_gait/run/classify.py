@@ -14,6 +14,7 @@ from ..core.integrate.adaptive import PROGRESS, STALLED
 from ..core.step import pace
 from ..core.step.context import Plan
 from ..dynamics import center_of_mass, deepest_points
+from ..dynamics.algorithms import lengths_of
 from ..model import Model
 from ..model.numpy_dynamics import link_poses
 from ..scene.compile import CompiledScene
@@ -101,12 +102,32 @@ def _opened(scene: CompiledScene, y: np.ndarray) -> str:
     return f", and loop {names[worst]!r} is open by {gaps[worst]:.3g} m or rad" if gaps[worst] > CLOSED else ""
 
 
+def _strained(scene: CompiledScene, y: np.ndarray) -> str:
+    """Return part of a sentence that names the tendon farthest beyond its limits in a state, if one is."""
+    alone = [(one.scene, scene.state_of(one.name, y), f"{one.name}/") for one in scene.members]
+    found = [(0.0, 0.0, "")]
+    for of, own, name in alone or [(scene, y, "")]:
+        limited = [one for one in of.model.tendons if one.limited]
+        for one, length in zip(limited, lengths_of(of.model, positions_in(of, own), limited).tolist()):
+            found += [
+                (one.lower - length, one.lower, name + one.name),
+                (length - one.upper, one.upper, name + one.name),
+            ]
+    beyond, limit, tendon = max(found)
+    if not beyond > 0.0:
+        return ""
+    return (
+        f", where tendon {tendon!r} is {beyond:.3g} m or rad beyond its limit of {limit:.4g}: check this limit and the "
+        "tendon's moment arms there"
+    )
+
+
 def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
     name, end = scene.model.name, float(y[scene.layout["end_time"]])
     message = f"{_who_fell(scene, y) if status is Status.FELL else name} {status} at {end:.4g} s"
     if status is Status.STEP_TOO_SMALL:
         least = max(least_step(scene), PROGRESS / STALLED)
-        message = f"{name}: the tolerance asks for steps below {least:.2g} s at {end:.4g} s"
+        message = f"{name}: the tolerance asks for steps below {least:.2g} s at {end:.4g} s{_strained(scene, y)}"
     if status is Status.TOO_MANY_CONTACTS:
         slots = scene.part("pair")[1] - scene.part("pair")[0]
         message = (

@@ -29,7 +29,7 @@ from ..core.integrate import INTEGRATORS
 from ..dynamics import coupling_matrix
 from ..dynamics.tendons import rows_of
 from ..model import Controller, Model, Tendon
-from ..model.numpy_dynamics import mass_matrix_at, regular_posture
+from ..model.numpy_dynamics import mass_matrix_at, regular_posture, sampled_postures
 from .actuator import Drive
 from .fluid import fluid_limits
 from .friction import Friction, explicit_limits, fastest_damping, sticks
@@ -38,6 +38,7 @@ from .options import SceneOptions
 
 SPRING = "contact spring"  # cause of a limit
 STIFF = 5e-3  # [s]; explicit limit below which a scene is for implicit steps
+AT_LIMITS = 100.0  # so that the stop at a limit is at most ten times as strongly damped as critically; see `stop.py`
 LARGEST = 1e50  # inertia of a length that nothing changes [kg m^2 or kg]
 SHORTEST, LONGEST = 1e-9, 10.0  # steps that are taken [s]
 
@@ -82,7 +83,8 @@ class Preflight(NamedTuple):
     sliding_step : float
         The same while no dry friction sticks [s].
     tendon_inertias : tuple of float
-        Inertia that each tendon and spring feels along its length [kg m^2 or kg].
+        Inertia that each tendon and spring feels along its length [kg m^2 or kg], of limited ones at most `AT_LIMITS`
+        times the least of several postures.
     """
 
     limits: tuple[Limit, ...]
@@ -116,6 +118,8 @@ def preflight(
     n, mobility = len(model.moving_joints), joint_mobility(model, drive.armature, tendons)
     names, own = [*model.joint_names, *(one.name for one in tendons)], mobility.diagonal()
     inertias = tuple(1.0 / float(x) if x > 0 else LARGEST for x in own)
+    if any(one.limited for one in tendons):
+        inertias = (*inertias[:n], *_felt_at_limits(model, drive.armature, tendons, inertias[n:]))
     dampers, stiff, rotors = _acting(model, drive, friction, tendons)
     limits = []
     for k, (name, share) in enumerate(zip(names, own)):
@@ -301,14 +305,36 @@ def joint_mobility(model: Model, armature: np.ndarray | None, tendons: Sequence[
     return _mobility(model.skeleton, None if armature is None else armature.tobytes(), tuple(tendons))
 
 
+def _felt_at_limits(
+    model: Model, armature: np.ndarray | None, tendons: Sequence[Tendon], inertias: Sequence[float]
+) -> list[float]:
+    """Return the inertias of tendons, of those with limits at most `AT_LIMITS` times the least of sampled postures.
+
+    A tendon at rest may have no moment arm, and meets its limit in another posture.  inertias: in the
+    `regular_posture`; of a limited one that has no moment arm anywhere it is the robot's mass.
+    """
+    postures, n = sampled_postures(model), len(model.moving_joints)
+    moves = rows_of(model, postures, tendons)
+    with np.errstate(all="ignore"):
+        each = [_factors(model, q, J, armature, tendons).diagonal()[n:] for q, J in zip(postures, moves)]
+    most = np.nan_to_num(each, nan=0.0, posinf=0.0).max(axis=0)
+    least = [1.0 / x if x > 1.0 / LARGEST else model.mass for x in most.tolist()]
+    return [min(J, AT_LIMITS * x) if one.limited else J for one, J, x in zip(tendons, inertias, least)]
+
+
 @functools.lru_cache(maxsize=8)
 def _mobility(model: Model, rotors: bytes | None, tendons: tuple[Tendon, ...]) -> Mobility:
-    armature = None if rotors is None else np.frombuffer(rotors)
-    n, q = len(model.moving_joints), regular_posture(model)
+    armature, q = None if rotors is None else np.frombuffer(rotors), regular_posture(model)
+    return _factors(model, q, rows_of(model, q, tendons), armature, tendons)
+
+
+def _factors(
+    model: Model, q: np.ndarray, moves: np.ndarray, armature: np.ndarray | None, tendons: Sequence[Tendon]
+) -> Mobility:
+    """Return the mobility at q (nq,); moves (tendons, nv): the Jacobian of the tendons there."""
+    n = len(model.moving_joints)
     J = np.zeros((n + len(tendons), model.nv))
-    J[:n, model.nv - n :] = np.eye(n)
-    if tendons:
-        J[n:] = rows_of(model, q, tendons)
+    J[:n, model.nv - n :], J[n:] = np.eye(n), moves
     M, G = mass_matrix_at(model, q, armature), coupling_matrix(model).matrix
     heavy = [one.armature for one in tendons]
     if any(heavy):

@@ -2,7 +2,9 @@
 
 The stop at a limit is that of a joint (stop.py): the robot's weight, or the effort of the joint with the largest
 coefficient c, drives that joint `STOP_DEPTH` into it, and the tendon c times as far.  So a tendon of one joint has the
-stop that the joint itself would have.  A path is taken for a joint that slides.
+stop that the joint itself would have.  A path is taken for a joint that slides.  The damping is that of the inertia at
+zero, unless it is more than `AT_LIMITS` times the least of several postures, as of an antagonist that has no moment arm
+where it rests: see `preflight.py`.
 """
 
 from __future__ import annotations

@@ -507,3 +507,52 @@ def test_names_that_do_not_exist_are_refused():
         turned(Tendon("t", [("k", 1.0)]))
     with pytest.raises(ValueError, match="tendon 't': there is no link 'hub'; links are 'base', 'disc'"):
         turned(Tendon("t", (), [Via("base"), Via("hub")]))
+
+
+# ---------------------------------------------------------------------------------------------- antagonists
+
+
+def antagonists():
+    """An arm that falls from level, with tendons straight through its axis at rest: no moment arm at zero."""
+    links = (Link("post"), Link("bar", 0.5, (0.15, 0.0, 0.0), (1e-4, 0.0, 0.0, 3.75e-3, 0.0, 3.75e-3)))
+    hinge = Joint("hinge", "revolute", "post", "bar", axis=(0.0, 1.0, 0.0), lower=-2.0, upper=2.0)
+    path = (Via("post", (-0.2, 0.0, 0.0)), Via("bar", (0.1, 0.0, 0.0)))
+    pair = [Tendon("far", (), path, lower=0.0, upper=0.3), Tendon("near", (), path, lower=0.26, upper=1.0)]
+    return Model("antagonists", links, (hinge,), tendons=pair)
+
+
+@pytest.mark.nojit
+def test_stops_of_tendons_without_a_moment_arm_at_zero_are_damped_as_where_they_have_one():
+    """Critically, to a factor of ten, where the moment arm is largest."""
+    model = antagonists()
+    assert np.array_equal(tendon_jacobian(model, np.zeros(1)), np.zeros((2, 1)))
+    stops = compile_scene(model).constants.tendons.stops
+    arm = np.abs(tendon_jacobian(model, np.linspace(-2.0, 2.0, 401)[:, None])).max(axis=0)[:, 0]
+    critical = 2.0 * np.sqrt(mass_matrix(model, np.zeros(1))[0, 0] / arm**2 / stops.stiffness) / 1e-3
+    assert (stops.damping > critical).all()
+    assert (stops.damping < 11.0 * critical).all()
+
+
+@pytest.mark.long
+def test_an_arm_comes_to_rest_on_a_tendon_without_a_moment_arm_at_zero():
+    """Its stop then holds the weight: K x r = m g c cos q."""
+    model = antagonists()
+    scene = compile_scene(model)
+    run = simulate(scene, 3.0)
+    q = run["q"][-1]
+    assert run.ok
+    depth, r = 0.26 - tendon_lengths(model, q)[1], -tendon_jacobian(model, q)[1, 0]
+    held = scene.constants.tendons.stops.stiffness[1] * depth * r
+    assert held == pytest.approx(0.5 * 9.81 * 0.15 * math.cos(q[0]), rel=1e-3)
+
+
+@pytest.mark.nojit
+def test_a_step_that_is_too_small_names_the_tendon_beyond_its_limit():
+    from featherstone_gait.run.classify import _failure
+    from featherstone_gait.run.status import Status
+
+    scene = compile_scene(antagonists())
+    message = _failure(scene, Status.STEP_TOO_SMALL, initial_state(scene, [1.2])).message
+    # sqrt(0.05 + 0.04 cos 1.2) = 0.25396 m
+    assert "where tendon 'near' is 0.00604 m or rad beyond its limit of 0.26: check this limit" in message
+    assert "tendon" not in _failure(scene, Status.STEP_TOO_SMALL, initial_state(scene, [0.1])).message
