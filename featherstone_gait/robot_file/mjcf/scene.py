@@ -110,6 +110,13 @@ class Solids(NamedTuple):
     rows: list[int]  # in this order, of the geoms of trees that move
     collide: np.ndarray  # (rows, n) which they touch
 
+    def by_tree(self, m: Any) -> dict[int, list[int]]:
+        """Return the geoms of each tree, by the body of the world with which it begins; 0 for the world's own."""
+        found: dict[int, list[int]] = {}
+        for g in self.shapes:
+            found.setdefault(int(m.body_rootid[m.geom_bodyid[g]]), []).append(g)
+        return found
+
 
 @np.errstate(all="ignore")  # Link, Joint and the like refuse what is not finite
 def read_scene(path: Path, report: Report) -> Content:
@@ -121,8 +128,7 @@ def read_scene(path: Path, report: Report) -> Content:
     m, remarks = compiled(path, documents)
     bodies, joints, mimics = names_of(m, "body", m.nbody), names_of(m, "joint", m.njnt), couplings(m)
     everything = Tree((), (), "fixed", 0, (), bodies, joints, several=True)
-    moving = moving_trees(m)
-    trees_that_move = {*moving}
+    moving = {*moving_trees(m)}
     for problem in (*refusals(m, everything), *_between_trees(m, mimics, joints)):
         report.refuse(None, problem)
     if not moving:
@@ -142,24 +148,21 @@ def read_scene(path: Path, report: Report) -> Content:
     solids = _solids(m, floor, stated, unranked, report, prefixes, texts.points())
     owners: dict[int, str] = {}  # link in the scene of each geom
     members, obstacles, taken, trees = [], [], set[str](), dict[int, tuple[str, Tree]]()
-    geoms_of: dict[int, list[int]] = {}
-    for g in solids.shapes:
-        geoms_of.setdefault(int(m.body_rootid[m.geom_bodyid[g]]), []).append(g)
+    geoms_of = solids.by_tree(m)
     for top in top_bodies(m):
         geoms = geoms_of.get(top, [])
         name = unused(prefixes.get(top, bodies[top].replace(SEPARATOR, "_")), taken)
-        if top in trees_that_move:
+        if top in moving:
             tree = _tree(m, top, prefixes.get(top, ""), bodies, joints, mimics)
             members.append(_member(m, tree, top, name, geoms, solids, report, prefixes.get(top, ""), texts))
             trees[top] = name, tree
-            links = tree.bodies
+            owners.update({g: link_name(name, tree.bodies[m.geom_bodyid[g]]) for g in geoms})
         elif geoms:
             obstacles.append(_obstacle(m, top, name, geoms, solids, texts, report))
-            links = [OBSTACLE] * m.nbody
+            owners.update(dict.fromkeys(geoms, link_name(name, OBSTACLE)))
         else:
             continue
         taken.add(name)
-        owners.update({g: link_name(name, links[m.geom_bodyid[g]]) for g in geoms})
     used = {*taken, *bodies}
     for g in (g for g in solids.shapes if m.geom_bodyid[g] == 0):
         name = unused((m.geom(g).name or f"geom{g}").replace(SEPARATOR, "_"), used)
