@@ -10,7 +10,7 @@ import math
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -160,7 +160,7 @@ class Run:
 # ---------------------------------------------------------------------------------------------- errors
 
 
-def positions(run: Trajectory) -> np.ndarray:
+def positions(run: Trajectory | Mapping[str, np.ndarray]) -> np.ndarray:
     """Return positions (samples, nq) of all bases, then of all joints."""
     return np.hstack([run["base_q"].reshape(len(run["q"]), -1), run["q"]]) if "base_q" in run else run["q"]
 
@@ -200,7 +200,7 @@ def estimate_of(run: Trajectory) -> np.ndarray:
     return np.hstack(stated).max(axis=1, initial=0.0) if stated else np.full(samples, math.nan)
 
 
-def velocities(run: Trajectory) -> np.ndarray:
+def velocities(run: Trajectory | Mapping[str, np.ndarray]) -> np.ndarray:
     """Return velocities (samples, nv)."""
     return np.hstack([run["base_qd"].reshape(len(run["qd"]), -1), run["qd"]]) if "base_qd" in run else run["qd"]
 
@@ -228,6 +228,7 @@ class Truth(NamedTuple):
     status: str
     known: int  # so many records
     own_error: float  # what another tolerance changes up to there [rad or m]
+    own_speed_error: float = 0.0  # the same of velocities [rad/s or m/s]
 
 
 def agreed(case: Case, best: Trajectory, other: Trajectory) -> Truth:
@@ -236,7 +237,9 @@ def agreed(case: Case, best: Trajectory, other: Trajectory) -> Truth:
     ended = best["time"] > min(best.end_time, other.end_time) + 1e-9
     lost = (apart > AGREED) | ~np.isfinite(apart) | ended
     known = int(np.argmax(lost)) if lost.any() else len(lost)
-    return Truth(positions(best), velocities(best), best.status, known, float(apart[:known].max(initial=0.0)))
+    faster = np.abs(velocities(best) - velocities(other))[:known]
+    own = (float(one[:known].max(initial=0.0)) for one in (apart, faster))
+    return Truth(positions(best), velocities(best), best.status, known, *own)
 
 
 def truth(case: Case, worker: Worker, folder: Path) -> Truth | None:
@@ -317,7 +320,8 @@ def read(path: Path) -> Truth | None:
     """Read what `write` wrote; None where the file is missing or damaged."""
     try:
         data: dict[str, Any] = read_arrays(path, REFERENCE)
-        return Truth(data["q"], data["qd"], str(data["status"]), int(data["known"]), float(data["own_error"]))
+        own = (float(data[name]) for name in ("own_error", "own_speed_error"))
+        return Truth(data["q"], data["qd"], str(data["status"]), int(data["known"]), *own)
     except (OSError, ValueError, KeyError):
         return None
 

@@ -12,7 +12,11 @@ reference fell, and otherwise "ok".  The status of a run that fell, but says tha
 Robots are those of installed packages (see `robots.py`).  MuJoCo runs the same model at its own step of 2 ms with its
 own integrator; where stops, ground, dry friction or couplings act, its laws differ, and only its time is given.
 
+Whether the run's own errors hold is counted by channel, and apart for scenes of one and of several: the largest error
+of a run is within the largest that it states, and each number within its own.
+
     featherstone-gait benchmark default        twenty minutes, with references kept from an earlier run
+    featherstone-gait benchmark default --only company        scenes of several alone, and single bodies beside them
 """
 
 from __future__ import annotations
@@ -58,6 +62,7 @@ class Outcome(NamedTuple):
     status: str
     end: float  # [s]
     estimate: np.ndarray  # of positions (samples,), NaN where the run has none
+    told: np.ndarray  # of all numbers (samples, nq + nv), the same
     time: float  # CPU per simulated second [ms]
 
 
@@ -79,24 +84,37 @@ class Row(NamedTuple):
     ratio: Annotated[float, "ratio", "7.2f"]  # of that to version 0.1's default: implicit_euler at 1 ms, or dop853 1e-8
     mujoco_error: float  # [rad or m], NaN where laws differ
     mujoco_time: float  # [ms]
+    bodies: int = 1  # robots and objects
+    base_q: float = math.nan  # largest error of a channel by the largest that the run states, NaN without
+    q: float = math.nan
+    base_qd: float = math.nan
+    qd: float = math.nan
+    within: float = math.nan  # share of all numbers whose error is within their own
 
 
+CHANNELS = ("base_q", "q", "base_qd", "qd")
 NAMED_COLUMNS = ("case", "integrator", "status", "verdict", "error", "time")  # of the table of integrators
 
 
 def run(
-    out_dir: Path, full: bool = False, robots: Sequence[Path] | None = None, references: Path | None = None
-) -> list[Row]:
+    out_dir: Path, full: bool = False, robots: Sequence[Path] | None = None, references: Path | None = None,
+    only: str = "",
+) -> list[Row]:  # fmt: skip
     """Print the tables; write default.csv, default_integrators.csv and default.png into `out_dir`.
 
     full: all robots and the long runs; robots: folders with robot files in place of the installed packages';
-    references: folder in which the references are kept, in the user's cache if None.
+    references: folder in which the references are kept, in the user's cache if None; only: a group of `cases`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such group.
     """
     host, rows, named, skipped = machine(), list[Row](), list[Row](), list[str]()
     print(host)
 
     def found(worker: Worker) -> Iterator[Row]:
-        for case in progress_bar(cases(full, robots, skipped), desc="cases", leave=False):
+        for case in progress_bar(cases(full, robots, skipped, only), desc="cases", leave=False):
             case = case._replace(exact=None)  # the reference is computed, and a function here cannot go to the worker
             exact = truth(case, worker, references or cache_folder())
             if exact is None or exact.known < 2:
@@ -113,6 +131,7 @@ def run(
     with closing(Worker()) as worker:
         print_table(Row, found(worker))
     print("\n".join([f"left out: {text}" for text in skipped] + ["", *summary(rows)]))
+    print("\n".join(["", *coverage(rows)]))
     print(f"\nby name, wrong from {SILENT:g} on:")
     print("\n".join(shares(named, "integrator")))
     save_figure(plot(rows, host), out_dir / "default.png")
@@ -143,14 +162,19 @@ def _row(case: Case, exact: Truth, scene: CompiledScene, worker: Worker, wrong: 
         return Row(*what, "", "slow", math.nan, math.nan, math.nan, math.inf, math.nan, math.nan, math.nan)
     error, speed_error, estimate = errors(case, exact, outcome)
     verdict = verdict_of(max(error, speed_error / SPEED_LIMIT), is_right(outcome.status, exact), wrong)
-    return Row(*what, outcome.status, verdict, error, speed_error, estimate, outcome.time, math.nan, math.nan, math.nan)
+    costs = outcome.time, math.nan, math.nan, math.nan
+    row = Row(*what, outcome.status, verdict, error, speed_error, estimate, *costs)
+    return row._replace(bodies=max(len(scene.members), 1), **held(case, exact, outcome))
 
 
 def outcome_of(case: Case, scene: CompiledScene) -> Outcome:
     """Run and time the scene."""
     result, time_ = timed(case, scene)
     status = f"{result.status}{', uncertain' if result.status == 'fell' and 'uncertain' in result.message else ''}"
-    return Outcome(positions(result), velocities(result), status, result.end_time, estimate_of(result), time_)
+    q, qd, told = positions(result), velocities(result), np.full((len(result["time"]), 1), math.nan)
+    if result.error:
+        told = np.hstack([positions(result.error), velocities(result.error)])
+    return Outcome(q, qd, status, result.end_time, estimate_of(result), told, time_)
 
 
 def plain_time(case: Case) -> float:
@@ -174,11 +198,31 @@ def timed(case: Case, scene: CompiledScene, **how: Any) -> tuple[Trajectory, flo
 
 def errors(case: Case, exact: Truth, outcome: Outcome) -> tuple[float, float, float]:
     """Return errors of positions [rad or m] and velocities (by the largest, at least 1), and the run's own estimate."""
-    known = min(exact.known, max(int(outcome.end / case.every + 1e-6) + 1, 1))
+    known = known_of(case, exact, outcome)
     error = distances(case.scene, outcome.q, exact.q)[:known]
     largest = np.abs(exact.qd[:known]).max(initial=1.0)
     speed = np.abs(outcome.qd - exact.qd)[:known].max(initial=0.0)
     return float(error.max()), float(speed / largest), float(outcome.estimate[:known].max())
+
+
+def known_of(case: Case, exact: Truth, outcome: Outcome) -> int:
+    """Return the number of records that are compared."""
+    return min(exact.known, max(int(outcome.end / case.every + 1e-6) + 1, 1))
+
+
+def held(case: Case, exact: Truth, outcome: Outcome) -> dict[str, Any]:
+    """Return the last fields of a row; the reference's own error is taken from the run's."""
+    known, (nq, nv) = known_of(case, exact, outcome), (outcome.q.shape[1], outcome.qd.shape[1])
+    own = np.repeat([exact.own_error, exact.own_speed_error], [nq, nv])
+    true = np.abs(np.hstack([outcome.q - exact.q, outcome.qd - exact.qd])[:known]) - own
+    told = np.broadcast_to(outcome.told[:known], true.shape)
+    if not np.isfinite(told).all():
+        return {}
+    bases = (nq - len(case.model.position_names)) // 7
+    parts = np.split(np.arange(nq + nv), [7 * bases, nq, nq + 6 * bases])
+    largest: dict[str, Any] = {name: float(max(true[:, of].max(), 0.0) / max(told[:, of].max(), ROUNDING))
+               for name, of in zip(CHANNELS, parts) if len(of)}  # fmt: skip
+    return largest | {"within": float((true <= told).mean())}
 
 
 def is_right(status: str, exact: Truth) -> bool:
@@ -201,6 +245,20 @@ def summary(rows: Sequence[Row]) -> list[str]:
     worst = sorted((row for row in rows if row.verdict == "silent"), key=lambda row: -row.error)
     silent = [f"silent: {row.case}: {row.error:.2g} rad or m before {row.until:.3g} s" for row in worst]
     return [*shares(rows, "kind"), _line("all", rows), *silent]
+
+
+def coverage(rows: Sequence[Row]) -> list[str]:
+    """Count in which share of the runs that are ok the error is within the stated one, of scenes of one and several."""
+    lines = [f"{'error within stated':24}{'runs':>7}" + "".join(f"{name:>9}" for name in (*CHANNELS, "all", "numbers"))]
+    for name, several in (("scenes of one", False), ("scenes of several", True)):
+        of = [row for row in rows if (row.bodies > 1) is several and row.status == "ok" and not math.isnan(row.within)]
+        values = [[x for x in (getattr(row, channel) for channel in CHANNELS) if not math.isnan(x)] for row in of]
+        by_channel = [[x for x in (getattr(row, c) for row in of) if not math.isnan(x)] for c in CHANNELS]
+        cells = [share(sum(x <= 1.0 for x in each), len(each)) for each in by_channel]
+        cells.append(share(sum(max(each) <= 1.0 for each in values), len(of)))
+        cells.append(f"{statistics.fmean([row.within for row in of] or [math.nan]):.0%}" if of else "-")
+        lines.append(f"{name:24}{len(of):7}" + "".join(f"{cell:>9}" for cell in cells))
+    return lines
 
 
 def shares(rows: Sequence[Row], by: str) -> list[str]:

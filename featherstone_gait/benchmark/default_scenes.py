@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -23,6 +23,7 @@ from ..scene.actuator import GearboxKind
 from ..scene.compile import CompiledScene, compile_scene
 from ..scene.tree import GRAVITY, followed
 from .case import Case, case_of
+from .default_several import several_cases
 from .pair_scenes import pair_cases
 from .robots import folders, published
 from .scenes import CENTER, NO_FALL, ball, box, humanoids, problems, stressed, unlimited
@@ -40,13 +41,27 @@ AX12_LAW: dict[str, Any] = {
 }  # fmt: skip
 
 
-def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: list[str] | None = None) -> Iterator[Case]:
-    """Yield all scenes; full: those of all robots and the long ones too; skipped: takes what is left out, and why."""
+def cases(
+    full: bool = False, robots: Sequence[Path] | None = None, skipped: list[str] | None = None, only: str = ""
+) -> Iterator[Case]:
+    """Yield all scenes; full: those of all robots and the long ones too; skipped: takes what is left out, and why.
+
+    only: "servos", "bodies", "company", "pairs" or "robots", for these alone.
+    """
     places, skipped = folders() if robots is None else robots, [] if skipped is None else skipped
-    yield from chain(servo_cases(), step_cases(), friction_cases(), firmware_cases(), free_cases())
-    yield from chain(humanoid_cases(full), company_cases(), known_cases(), long_cases() if full else ())
-    yield from pair_cases(skipped)
-    yield from robot_cases(full, places, skipped)
+    makers: dict[str, Callable[[], Iterator[Case]]] = {
+        "servos": lambda: chain(servo_cases(), step_cases(), friction_cases(), firmware_cases()),
+        "bodies": lambda: chain(
+            free_cases(), humanoid_cases(full), company_cases(), known_cases(), long_cases() if full else ()
+        ),
+        "company": lambda: several_cases(skipped),
+        "pairs": lambda: pair_cases(skipped),
+        "robots": lambda: robot_cases(full, places, skipped),
+    }
+    if only and only not in makers:
+        raise ValueError(f"only: there is no group of scenes {only!r}; there are {', '.join(makers)}")
+    for name in [only] if only else makers:
+        yield from makers[name]()
 
 
 # ---------------------------------------------------------------------------------------------- robots

@@ -59,7 +59,9 @@ def add(commands: Commands) -> None:
     parser = add_command(commands, run, __doc__)
     parser.add_argument("name", metavar="NAME", choices=BENCHMARKS, help="one of the benchmarks below")
     parser.option("--full", "more repetitions", False)
-    parser.option("--only", "scoreboard: measure one part, and keep the others in the folder", metavar="PART")
+    parser.option(
+        "--only", "scoreboard: measure one part, and keep the others in the folder; default: kinds", metavar="PART"
+    )
     parser.option("--resume", "scoreboard: keep the cases that the table in the folder has", False)
     add_quiet(parser)
     listed = []
@@ -72,8 +74,10 @@ def add(commands: Commands) -> None:
 def run(args: Namespace) -> int:
     """Run the benchmark of that name."""
     how = {name: value for name in ("only", "resume") if (value := getattr(args, name))}
-    if how and args.name != "scoreboard":
-        args.command.error(f"only the scoreboard takes {' and '.join(f'--{name}' for name in how)}")
+    takes = {"scoreboard": ("only", "resume"), "default": ("only",)}
+    refused = [f"--{name}" for name in how if name not in takes.get(args.name, ())]
+    if refused:
+        args.command.error(f"{args.name} does not take {' and '.join(refused)}: scoreboard takes both, default --only")
     minutes = f"about {BENCHMARKS[args.name].minutes:g} min on two cores"
     announce(args, f"{'many times ' * args.full}{minutes}, compiling aside; {ALONE}")
     import_module(f"featherstone_gait.benchmark.{args.name}").run(args.out, full=args.full, **how)

@@ -11,7 +11,7 @@ from test_cli import SLIDER
 
 from featherstone_gait import compile_scene, load_robot
 from featherstone_gait.benchmark import case as truth
-from featherstone_gait.benchmark import default, default_scenes, pair_scenes
+from featherstone_gait.benchmark import default, default_scenes, default_several, pair_scenes
 from featherstone_gait.benchmark.case import Worker, at_most
 from featherstone_gait.benchmark.robots import published
 from featherstone_gait.benchmark.scenes import ball
@@ -144,8 +144,57 @@ def test_errors_count_only_while_the_reference_is_known(wheel):
     late, early = q.copy(), q.copy()
     late[11], early[10] = 1.0, 0.25
     for positions, error in ((late, 0.0), (early, 0.25)):
-        outcome = default.Outcome(positions, 1.5 * np.ones((51, 1)), "ok", 0.5, np.full(51, 0.1), 1.0)
+        outcome = default.Outcome(
+            positions, 1.5 * np.ones((51, 1)), "ok", 0.5, np.full(51, 0.1), np.zeros((51, 2)), 1.0
+        )
         assert default.errors(wheel, exact, outcome) == pytest.approx((error, 0.5, 0.1))
+
+
+def test_errors_are_held_against_those_that_the_run_states_less_those_of_the_reference(wheel):
+    q, told = np.zeros((51, 1)), np.tile([0.2, 0.5], (51, 1))
+    exact = truth.Truth(q, np.zeros((51, 1)), "ok", 11, 0.01, 0.1)
+    turned, turning = q.copy(), q.copy()
+    turned[5], turned[20], turning[:] = 0.11, 9.0, 1.1
+    outcome = default.Outcome(turned, turning, "ok", 0.5, told[:, 0], told, 1.0)
+    assert default.held(wheel, exact, outcome) == pytest.approx({"q": 0.5, "qd": 2.0, "within": 0.5})
+    assert default.held(wheel, exact, outcome._replace(told=np.full((51, 1), math.nan))) == {}
+
+
+def test_a_run_is_within_what_it_states_if_all_its_channels_are():
+    row = default.Row("a", "arms", 1.0, 1.0, "ars343", 1e-3, "ok", "held", 1e-5, 1e-5, 1e-5, 1.0, 2.0, math.nan, 1.0)
+    one = row._replace(q=0.5, qd=2.0, within=0.5)
+    several = row._replace(bodies=2, base_q=0.1, q=0.5, base_qd=0.2, qd=0.9, within=1.0)
+    doubtful = several._replace(status="inaccurate", base_q=9.0)
+    text = [line.split()[3:] for line in default.coverage([one, several, doubtful, row])[1:]]
+    assert text == [["1", "-", "100%", "-", "0%", "0%", "50%"], ["1", *["100%"] * 6]]
+
+
+@pytest.mark.long
+def test_forty_scenes_are_of_several_and_each_comes_with_all_seeds():
+    pytest.importorskip("mujoco")
+    found = list(default_scenes.cases(only="company"))
+    names = [case.name.rpartition(", seed ")[0] for case in found if len(case.scene.members) > 1]
+    assert len(set(names)) >= 40
+    assert {names.count(name) for name in names} == {default_several.SEEDS}
+    assert len({truth.digest(case) for case in found}) == len(found)
+
+
+@pytest.mark.long
+def test_balls_that_lose_nothing_keep_momentum_and_energy_in_the_reference(tmp_path):
+    for seed in range(2):
+        cases = default_several.objects(np.random.default_rng(seed))
+        case = next(case for case in cases if case.name == "two balls meet, lossless")
+        exact = truth.truth(case, Here(), tmp_path)
+        assert exact.known == len(exact.q)
+        masses = np.array([member.model.links[0].mass for member in case.scene.members])
+        before, after = (exact.qd[k].reshape(2, 6)[:, 0] for k in (0, -1))
+        assert masses @ after == pytest.approx(masses @ before, abs=1e-7)
+        assert after[1] - after[0] == pytest.approx(before[0] - before[1], abs=1e-6)
+
+
+def test_a_group_of_scenes_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match="no group of scenes 'people'; there are servos, bodies, company"):
+        next(default_scenes.cases(only="people"))
 
 
 @pytest.mark.long
