@@ -67,6 +67,7 @@ def run(args: Namespace) -> int:
         *_choice_table(scenes, suited if model.base == "floating" or args.servo else None),
         "",
         *_filled([] if isinstance(scene, str) else [_explicit_line(scene), f"chosen: {choice(scene)}"]),
+        *_filled([] if isinstance(scene, str) else [f"note: {note}" for note in scene.notes]),
         *_filled(f"note: {args.command.in_options(note)}" for note in model.notes),
         *(_joint_table(model, check) if args.all else _short_joint_table(model)),
     ]

@@ -84,7 +84,7 @@ def described(scene: SceneModel, found: CompiledScene, all_pairs: bool = True) -
     ground = found.ground
     lines.append("no ground" if ground is None else f"ground of friction {ground.friction:g}")
     lines += pair_lines(found, all_pairs)
-    lines += [f"note: {note}" for note in (*scene.notes, *found.touching.notes)]
+    lines += [f"note: {note}" for note in (*scene.notes, *found.notes)]
     return [*map(filled, lines), filled(f"chosen: {choice(found)}")]
 
 

@@ -249,6 +249,7 @@ def _summary(scene: CompiledScene, trajectory: Trajectory, duration: float) -> l
         f"simulated   {trajectory.info['start']}: {duration:g} s",
         f"status      {trajectory.status}{': ' if trajectory.message else ''}{trajectory.message}",
         f"integrator  {choice(scene)}",
+        *(f"note        {note}" for note in scene.notes),
     ]
     if "energy_error_J" in m:
         share = f", {m['energy_error_J'] / m['kinetic_energy_J']:.1e} of" if m["kinetic_energy_J"] > 0 else ";"

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Literal, get_args
+from dataclasses import dataclass, fields
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
 
 from ..base.arguments import shown
 from ..base.brief import brief
@@ -100,6 +102,7 @@ class Loop:
         yield from crooked
         if not crooked and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
             yield f"{what}: axis {self.axis!r} is not of unit length; divide it by its length"
+        yield from self._stray_flaws(what)
         flaws = list(quantity_flaws(what, self))
         yield from flaws
         rod = isinstance(self.kind, str) and self.kind == "distance"
@@ -107,6 +110,15 @@ class Loop:
             allowed = "a rod has one above 0" if rod else "only kind 'distance' has one"
             remedy = "give the length, or use kind 'connect'" if rod else "leave it out, or use kind 'distance'"
             yield f"{what}: distance is {self.distance!r} m with kind {self.kind!r}; {allowed}: {remedy}"
+
+    def _stray_flaws(self, what: str) -> Iterator[str]:
+        """Find what this kind of loop does not read."""
+        turns = ("rpy_a", "rpy_b") if self.kind in ("connect", "distance") else ()
+        for f in fields(self):
+            stray = f.name in turns or (f.name == "axis" and self.kind != "hinge")
+            if stray and not np.array_equal(getattr(self, f.name), cast(Any, f.default)):
+                given = f"{what}: {f.name} is {shown(getattr(self, f.name))}"
+                yield f"{given}, and kind {self.kind!r} has none: leave it out, or use another kind"
 
 
 def check_loops(links: Iterable[Link], loops: Iterable[Loop]) -> None:

@@ -183,6 +183,11 @@ class Controller:
                         f"controller: {f.name} is {getattr(self, f.name)!r}; the law {self.law!r} is continuous and "
                         "has no integral, sampling or voltage: use a sampled law, or leave it out"
                     )
+        elif self.torque_limit < math.inf:
+            raise ValueError(
+                f"controller: torque_limit is {self.torque_limit!r} N m; the law {self.law!r} outputs a voltage: give "
+                "the servo a current_limit, or use 'pd' or 'pd_clamped'"
+            )
 
 
 @dataclass(frozen=True)

@@ -104,6 +104,8 @@ class Wrap:
         freeze(self, *vectors)
         if not math.hypot(*self.axis) > 0.0:
             raise ValueError(f"{what}: axis {self.axis!r} has no length; give a direction such as (0, 0, 1)")
+        if self.shape == "sphere" and self.axis != (0.0, 0.0, 1.0):
+            raise ValueError(f"{what}: axis is {self.axis!r}, and a sphere has none: leave it out, or use 'cylinder'")
 
 
 @dataclass(frozen=True)
@@ -205,6 +207,8 @@ class Tendon:
             yield f"{what}: a Wrap of path stands between no two points; put it between two Via that have a distance"
         elif self.path and not any(isinstance(one, Via) and one.share > 0 for one in self.path[1:]):
             yield f"{what}: path has no length; give two points or more, with a share above 0 of the second"
+        elif self.path and isinstance(self.path[0], Via) and self.path[0].share not in (0.0, 1.0):
+            yield f"{what}: share of the first point is {self.path[0].share!r}; no point is before it: leave it out"
         yield from quantity_flaws(what, self)
         unfit = list(vector_flaws(what, "rest", self.rest, 2))  # type: ignore[arg-type]
         yield from unfit

@@ -158,6 +158,8 @@ def _moving_joint(element: Element, what: str, report: Report) -> Joint:
     name, parent, child = element.get("name", ""), _end(element, "parent"), _end(element, "child")
     origin = _stated(element.find("origin"), ("xyz", "rpy"), what, report, vector)
     if kind == "fixed":
+        for tag in [tag for tag in ("limit", "dynamics", "mimic", "screw", "axis2") if _attributes(element.find(tag))]:
+            report.remark(f"skipped <{tag}> of a fixed joint, which does not move")
         return Joint(name, kind, parent, child, **origin)
     kind, motion = _stops(element, kind, what, report)
     motion |= _limits(element, what, report) | _stated(element.find("dynamics"), DYNAMICS, what, report)

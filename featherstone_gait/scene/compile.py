@@ -55,6 +55,7 @@ from .stop import build_stops
 from .surface import build_commands, drives_of, joined_commands, scene_drives
 from .tendon import build_tendons, fold_tendons, with_rows, with_stops
 from .tree import GRAVITY, Tree, compile_tree
+from .unused import unused
 
 GIVE_LOOPS = "give a list of Loop between links 'name/link'"
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
@@ -193,6 +194,13 @@ class CompiledScene:
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Links that may touch each other, once for each two of their shapes; the first of both can move."""
         return self.touching.names
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What touches nothing in this scene, and numbers of servos that have no effect, one sentence each."""
+        if not self.members:
+            return unused(self.model, self.gearbox, self.method)
+        return (*self.touching.notes, *(f"{one.name}: {note}" for one in self.members for note in one.scene.notes))
 
     @property
     def sensors(self) -> dict[str, Sensor | SampledSensor]:

@@ -158,7 +158,8 @@ def four_bar(a=A, b=B, c=C, d=D, loop="connect"):
     if loop == "distance":  # the coupler is a rod without mass: its place is only a link
         at = {"point_a": (a, 0.0, 0.0), "point_b": (c, 0.0, 0.0), "distance": b}
         return Model("rod", links[:2] + links[3:], joints[::2], loops=(Loop("rod", loop, "crank", "rocker", **at),))
-    return Model("four-bar", links, joints, loops=(Loop("pin", loop, "coupler", "rocker", axis=Y, **at),))
+    at |= {"axis": Y} if loop == "hinge" else {}
+    return Model("four-bar", links, joints, loops=(Loop("pin", loop, "coupler", "rocker", **at),))
 
 
 def rocker_angle(x):

@@ -11,7 +11,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Mimic, Model, Servo, inertia_matrix
+from featherstone_gait.model import (
+    ContactPoint,
+    Controller,
+    Gearbox,
+    Ground,
+    Joint,
+    Link,
+    Mimic,
+    Model,
+    Servo,
+    inertia_matrix,
+)
+from featherstone_gait.model.placed import SceneModel
+from featherstone_gait.model.sensor import SampledSensor
 from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from featherstone_gait.robot_file import (
     RobotFileError,
@@ -22,6 +35,10 @@ from featherstone_gait.robot_file import (
     load_servo,
     save_robot,
 )
+from featherstone_gait.robot_file.scene_toml import PLANAR, TOP
+from featherstone_gait.robot_file.sensors import SAMPLED
+from featherstone_gait.robot_file.servos import SERVO_KEYS
+from featherstone_gait.robot_file.settings import OF_SHAPE, OWN, PASSIVE, SECTIONS
 from featherstone_gait.robot_file.source import MAX_BYTES
 from featherstone_gait.robot_file.toml_lines import with_lines
 
@@ -1188,6 +1205,33 @@ def test_a_servo_beside_the_robot_comes_before_one_of_the_package(tmp_path):
 def test_the_servos_field_names_do_not_clash():
     names = [f.name for cls in (Servo, Controller, Gearbox) for f in fields(cls)]
     assert len(names) == len(set(names))
+
+
+def test_what_a_fixed_joint_cannot_have_is_noted(tmp_path):
+    fixed = swap(URDF, 'type="revolute"', 'type="fixed"')
+    notes = load_robot(write(tmp_path, fixed)).notes
+    for tag in ("limit", "dynamics"):
+        assert f"skipped <{tag}> of a fixed joint, which does not move" in notes
+
+
+@pytest.mark.parametrize(
+    ("keys", "records", "others"),
+    [
+        (OWN["links"], (Link,), {"surface"}),  # of its shapes
+        (OWN["joints"], (Joint,), set()),
+        (PASSIVE, (Joint,), set()),
+        (OF_SHAPE, (Shape,), set()),
+        (SECTIONS, (Model,), set()),
+        (TOP, (SceneModel,), {"robots", "objects"}),  # its members
+        (PLANAR, (Ground,), set()),
+        (SAMPLED, (SampledSensor,), set()),
+        (tuple(key.removesuffix("_deg") for key in SERVO_KEYS), (Servo, Controller, Gearbox), set()),
+    ],
+    ids=["links", "joints", "text", "shapes", "sections", "scene", "ground", "sensors", "servos"],
+)
+def test_each_key_of_toml_is_a_field(keys, records, others):
+    """Whose effect `test_fields_have_effect.py` tests; readers of other tables take the fields themselves as keys."""
+    assert set(keys) - {f.name for record in records for f in fields(record)} == others
 
 
 @pytest.mark.parametrize(

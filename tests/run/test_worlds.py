@@ -377,7 +377,7 @@ NUMBERS = {
         "current_slew": 100.0, "viscous_friction": 0.1, "coulomb_friction": 0.1, "encoder_resolution": 1e-3,
         "speed_filter": 0.02, "ratio": 200.0, "rotor_inertia": 1e-7, "rotor_damping": 1e-7, "stiffness": 50.0,
         "damping": 0.2, "backlash": 0.01, "Kp": 20.0, "Ki": 1.0, "Kd": 1.0, "Kf": 0.1, "period": 0.02, "lag": 0.0,
-        "torque_limit": 3.0, "compliance_margin": 0.01, "punch": 0.1, "pwm_steps": 885.0, "duty_limit": 0.9,
+        "compliance_margin": 0.01, "punch": 0.1, "pwm_steps": 885.0, "duty_limit": 0.9,
         "profile_speed": 2.0, "delay": 0.01,
     },
     "links": {"mass": 0.2, "center_of_mass": (0.0, 0.01, 0.02), "inertia": (1e-3, 0.0, 1e-5, 1e-3, 0.0, 1e-3)},

@@ -138,9 +138,10 @@ def _at_geom(m: Any, g: int) -> End:
 def _wrap(m: Any, tree: Tree, w: int, top: int) -> Wrap:
     g, side = int(m.wrap_objid[w]), _side(m, w)
     link, rpy, point = placed(m, tree, _at_geom(m, g), top)
-    axis = vector(rotation_from_rpy(rpy)[:, 2])
+    shape = AROUND[int(m.wrap_type[w])]
+    axis = vector(rotation_from_rpy(rpy)[:, 2]) if shape == "cylinder" else (0.0, 0.0, 1.0)
     at = None if side is None else placed(m, tree, at_site(m, side), top)[2]
-    return Wrap(link, AROUND[int(m.wrap_type[w])], float(m.geom_size[g, 0]), point, axis, at)  # type: ignore[arg-type]
+    return Wrap(link, shape, float(m.geom_size[g, 0]), point, axis, at)  # type: ignore[arg-type]
 
 
 def _tendon(m: Any, tree: Tree, t: int, name: str, top: int) -> Tendon:
