@@ -1,8 +1,9 @@
 """Distances between a robot's links: signed distances of their collision shapes.
 
 Two shapes can meet if something moves between them.  Left out are shapes of links that are rigidly attached to each
-other, of a link and its parent (with all that is rigidly attached to them), of links that `Model.excluded` names, and
-those that overlap in the admissible posture nearest to zero already: `meeting_shapes` says which.
+other, of a link and its parent (with all that is rigidly attached to them) unless `Model.included` names them, of what
+`Model.excluded` names, and those that overlap in the admissible posture nearest to zero already: `meeting_shapes` says
+which.  Links without mass and shapes belong to the joint that they are in.
 
 Spheres, capsules, boxes and cylinders are taken as they are; hulls and meshes by at most 32 corners, rounded by as much
 as the hull reaches beyond them, so that the true distance is never less.  Distances of shapes apart are exact to 1e-9 m
@@ -21,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from ..base.brief import brief
 from ..base.fixed_order import applied
+from ..base.flaws import quoted
 from ..base.rotation import rotation_from_rpy
 from ..core.compile.elementary import SINCOS_LIMIT
 from ..core.tree.distance import (
@@ -41,6 +43,7 @@ from ..core.tree.field_contact import COLUMNS, MANY, FieldBench
 from ..core.tree.patch import Bench
 from ..dynamics import Poses, check_model, forward_kinematics
 from ..model import HeightField, Model, rigid_bodies
+from ..model.pair_friction import shape_names
 from ..model.rest_posture import nearest_posture
 from ..model.shapes import Box, Capsule, Cylinder, Shape, Sphere
 from ..scene.records import records
@@ -130,7 +133,7 @@ def clearance_channel(model: Model, base_q: np.ndarray, q: np.ndarray) -> np.nda
 @functools.lru_cache(maxsize=64)
 def meeting_shapes(model: Model) -> Meeting:
     """Find the pairs of shapes whose distance can change, except neighbors and those that overlap at rest."""
-    apart = np.array(_apart(model), dtype=np.int64).reshape(-1, 2)
+    apart = _apart(model)
     distance = shape_distances(model, nearest_posture(model), apart)
     links = [shape.link for shape in model.shapes]
     overlapping = dict.fromkeys((links[a], links[b]) for a, b in apart[distance < 0.0])
@@ -151,31 +154,66 @@ def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarra
     return out
 
 
-def _apart(model: Model) -> list[tuple[int, int]]:
-    """Find the pairs of shapes whose bodies are neither the same, neighbors nor excluded; fields have no distance."""
+def _apart(model: Model) -> np.ndarray:
+    """Find the pairs (pairs, 2) of shapes that something moves, which touch; fields have no distance."""
+    same, near = neighbors(model)
+    solid = np.array([not isinstance(shape.geometry, HeightField) for shape in model.shapes], bool)
+    touch = ~same & (~near | named_shapes(model, model.included)) & ~named_shapes(model, model.excluded)
+    return np.argwhere(np.tril(touch & solid & solid[:, None], -1))[:, ::-1]
+
+
+def neighbors(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Find which shapes (n, n) are on one rigid body, and which on two with one joint between them.
+
+    Links without mass and shapes, as between the joints of one body of MJCF, belong to the joint.
+    """
     bodies, placements = rigid_bodies(model)
-    rows = [placements[shape.link].row for shape in model.shapes]
-    between = {link.name for link in model.degrees.between}
+    carrying = {shape.link for shape in model.shapes}
+    light = {link.name for link in model.degrees.between}
+    light |= {link.name for link in model.links if not (link.mass or any(link.inertia) or link.name in carrying)}
 
     def carrier(row: int) -> int:
-        """Return the row itself, or of a body between the degrees of a joint the body that carries the joint."""
-        while between.issuperset(bodies[row].links):
+        """Return the row itself, or of a body within a joint the body that carries the joint."""
+        while row and light.issuperset(bodies[row].links):
             row = bodies[row].frame.parent
         return row
 
-    near = {(row, row) for row in range(len(bodies))}
-    near |= {(carrier(body.frame.parent), k) for k, body in enumerate(bodies)}
-    every = ((a, b) for b in range(len(rows)) for a in range(b))
-    solid = [not isinstance(shape.geometry, HeightField) for shape in model.shapes]
-    links, never = [shape.link for shape in model.shapes], {frozenset(pair) for pair in model.excluded}
-    return [
-        (a, b)
-        for a, b in every
-        if solid[a]
-        and solid[b]
-        and not {(rows[a], rows[b]), (rows[b], rows[a])} & near
-        and frozenset((links[a], links[b])) not in never
-    ]
+    one, near = np.eye(len(bodies), dtype=bool), np.zeros((len(bodies),) * 2, bool)
+    for k, body in enumerate(bodies[1:], 1):
+        near[carrier(body.frame.parent), k] = True
+    at = np.ix_(*[[placements[shape.link].row for shape in model.shapes]] * 2)
+    return one[at], (near | near.T)[at]
+
+
+def named_shapes(model: Model, pairs: Iterable[tuple[str, str]]) -> np.ndarray:
+    """Find the shapes (n, n) of pairs of "link" or "link/shape"; raise ValueError for a shape that its link lacks."""
+    found = np.zeros((len(model.shapes),) * 2, bool)
+    rows = rows_by_name(shape_names("", shape)[1:] for shape in model.shapes)
+    for a, b in pairs:
+        for end in (a, b):
+            link = end.rpartition("/")[0]
+            if f"/{end}" not in rows and end not in model.link_rows and f"/{link}" in rows:
+                own = [shape.name for shape in model.shapes if shape.link == link and shape.name]
+                raise ValueError(
+                    f"{model.name}: excluded or included names {end!r}, but link {link!r} has no shape of that name; "
+                    f"expected one of {quoted(own)}: correct it, or name the link"
+                )
+        mark(found, rows.get(f"/{a}", []), rows.get(f"/{b}", []))
+    return found
+
+
+def rows_by_name(names: Iterable[Iterable[str]]) -> dict[str, list[int]]:
+    """Return the rows of the shapes that go by each name."""
+    rows: dict[str, list[int]] = {}
+    for k, own in enumerate(names):
+        for name in own:
+            rows.setdefault(name, []).append(k)
+    return rows
+
+
+def mark(matrix: np.ndarray, one: Sequence[int], two: Sequence[int]) -> None:
+    """Set a symmetric matrix true in the rows of one and the columns of the other."""
+    matrix[np.ix_(one, two)] = matrix[np.ix_(two, one)] = True
 
 
 def _rows(poses: Poses) -> Poses:

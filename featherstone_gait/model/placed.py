@@ -116,7 +116,8 @@ class SceneModel:
     gravity : tuple of float or None
         Gravity (3,) in world axes [m/s^2]; None: the default of `compile_scene`.
     excluded : tuple of (str, str)
-        Pairs of links, "name/link", that do not touch each other; one of both may be "ground".
+        Pairs of links, "name/link", or shapes, "name/link/shape", that do not touch each other; one of both may be
+        "ground".
     notes : tuple of str
         What the reader of the file skipped or assumed, one sentence each; notes on a member are in its model.
     source : str
@@ -196,7 +197,8 @@ class SceneModel:
         links = {link_name(placed.name, link.name) for placed in self.all for link in placed.model.links}
         remedy = 'give pairs such as ("name/link", "name/link")'
         pairs = name_pairs("scene: excluded", self.excluded, remedy)
-        _check_names("excluded", pairs, {*links, GROUND})
+        shaped = {name for at in self.all for one in at.model.shapes for name in shape_names(at.name, one)[2:]}
+        _check_names("excluded", pairs, {*links, *shaped, GROUND})
         object.__setattr__(self, "excluded", pairs)
         if not isinstance(self.pairs, (str, PairContact)):
             object.__setattr__(self, "pairs", name_pairs("scene: pairs", self.pairs, PAIR_REMEDY))

@@ -36,7 +36,15 @@ from .sensor import SampledSensor, Sensor, check_sensors
 from .servo import Servo, Supply
 from .shapes import Shape
 from .tendon import Tendon, check_tendons
-from .tree_checks import check_can_move, check_links, check_locked, check_mimics, check_servos, check_tree
+from .tree_checks import (
+    check_can_move,
+    check_links,
+    check_locked,
+    check_mimics,
+    check_servos,
+    check_tree,
+    links_of_pairs,
+)
 
 Base = Literal["fixed", "floating"]
 
@@ -76,7 +84,7 @@ class Model:
     package_dirs : tuple of str
         Folders with the packages of the robot's files, besides the usual places.
     excluded : tuple of (str, str)
-        Pairs of links that do not touch each other in a scene with contact between bodies.
+        Pairs of links, or of shapes "link/shape", that do not touch each other in a scene with contact between bodies.
     loops : tuple of Loop
         Constraints that close loops of the tree.
     tendons : tuple of Tendon
@@ -87,6 +95,8 @@ class Model:
         Joints that push what carries them.
     sensors : tuple of sensors
         Sensors on links, which runs record and sessions observe by their names; those of a scene by "robot/name".
+    included : tuple of (str, str)
+        Pairs of links, or of shapes "link/shape", that touch each other although one joint connects them.
 
     Raises
     ------
@@ -113,6 +123,7 @@ class Model:
     immersed: tuple[Immersed, ...] = ()
     propellers: tuple[Propeller, ...] = ()
     sensors: tuple[Sensor | SampledSensor, ...] = ()
+    included: tuple[tuple[str, str], ...] = ()
 
     def __repr__(self) -> str:
         counts = {
@@ -140,7 +151,8 @@ class Model:
             instance(f"{what}: supply", self.supply, Supply, "give Supply(voltage, resistance), or None")
         check_links("contacts", self.links, (point.link for point in self.contacts))
         check_links("shapes", self.links, (shape.link for shape in self.shapes))
-        check_links("excluded", self.links, (link for pair in self.excluded for link in pair))
+        for name in ("excluded", "included"):
+            check_links(name, self.links, links_of_pairs(self.links, getattr(self, name)))
         check_loops(self.links, self.loops)
         check_tendons(self.links, self.degrees.joints, self.tendons)
         check_links("immersed", self.links, (shape.link for shape in self.immersed))
@@ -169,7 +181,9 @@ class Model:
         instance("source", self.source, str, "give the path of a file, or an empty text")
         folders = tuple(texts("package_dirs", self.package_dirs, "give a list of folders"))
         object.__setattr__(self, "package_dirs", folders)
-        object.__setattr__(self, "excluded", name_pairs(f"{what}: excluded", self.excluded, "give pairs of links"))
+        for name in ("excluded", "included"):
+            pairs = name_pairs(f"{what}: {name}", getattr(self, name), "give pairs of links")
+            object.__setattr__(self, name, pairs)
         for name in _TABLES:
             table = getattr(self, name)
             instance(f"{what}: {name}", table, Mapping, "give a dictionary, by name")

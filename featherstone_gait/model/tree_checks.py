@@ -151,6 +151,13 @@ def check_links(what: str, links: Iterable[Link], used: Iterable[str]) -> None:
             raise ValueError(f"{what}: there is no link {name!r}; use one of {quoted(names)}")
 
 
+def links_of_pairs(links: Iterable[Link], pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """Yield the links of pairs of "link" or "link/shape"; a shape may be taken from a model, and is no flaw here."""
+    names = {link.name for link in links}
+    for end in (end for pair in pairs for end in pair):
+        yield end if end in names else end.rpartition("/")[0] or end
+
+
 def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
     """Raise TypeError for what is no spring, ValueError unless every spring joins links of the robot."""
     for spring in springs:

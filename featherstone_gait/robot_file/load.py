@@ -12,6 +12,7 @@ from typing import Any, Literal
 from ..base import arguments
 from ..base.arguments import instance, listed, real, texts, truth
 from ..geometry.contact_choice import Choice, with_contacts
+from ..geometry.distance import named_shapes
 from ..model import LARGEST, Base, Joint, Mimic, Model, Surface
 from ..model.degrees import by_degree, degrees_of
 from ..model.links import Leader, leader_of
@@ -202,13 +203,15 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             source=str(path),
             supply=settings.supply,
             package_dirs=package_dirs,
-            excluded=(*robot.excluded, *settings.excluded),
+            excluded=tuple(dict.fromkeys((*robot.excluded, *settings.excluded))),
+            included=tuple(dict.fromkeys((*robot.included, *settings.included))),
             loops=tuple({loop.name: loop for loop in (*robot.loops, *settings.loops)}.values()),
             tendons=tuple({one.name: one for one in (*robot.tendons, *settings.tendons)}.values()),
             immersed=(*robot.immersed, *settings.immersed),
             propellers=tuple({one.joint: one for one in (*robot.propellers, *settings.propellers)}.values()),
             sensors=tuple({one.name: one for one in (*robot.sensors, *settings.sensors)}.values()),
         )
+        named_shapes(model, (*model.excluded, *model.included))  # raises for shapes that links lack
     report.raise_problems(path)
     return model
 

@@ -32,6 +32,7 @@ class Robot(NamedTuple):
     rollers: Mapping[str, ContactPoint] = {}  # of wheels with rollers, by link
     propellers: tuple[Propeller, ...] = ()
     sensors: tuple[Sensor | SampledSensor, ...] = ()
+    included: tuple[tuple[str, str], ...] = ()  # neighbors that do
     stated: Settings = Settings()  # by a <text> of this package
 
 

@@ -200,11 +200,14 @@ def _model(path: Path, part: Part, report: Report) -> Model:
     """Make the model of a tree, with contact points of the shapes that touch the ground."""
     robot = part.robot
     joints, held = resolve_couplings(robot.joints, dict(robot.held), "coupled", report)
-    robot = robot._replace(joints=joints, held=held, shapes=part.touching)
+    excluded, included = (*robot.excluded, *robot.stated.excluded), (*robot.included, *robot.stated.included)
+    stated = robot.stated._replace(excluded=(), included=())  # which may name shapes that do not touch the ground
+    robot = robot._replace(joints=joints, held=held, shapes=part.touching, excluded=(), included=(), stated=stated)
     doubt_inertias(robot, report)
     model = model_of(path, robot, robot.stated, report, ())
     contacts = with_contacts(model, "all").contacts if part.touching else ()
-    return replace(model, contacts=(*contacts, *model.contacts), shapes=part.robot.shapes, notes=())
+    points, shapes = (*contacts, *model.contacts), part.robot.shapes
+    return replace(model, contacts=points, shapes=shapes, notes=(), excluded=excluded, included=included)
 
 
 def _still(part: Part, path: Path) -> Model:

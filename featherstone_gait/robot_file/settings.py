@@ -17,7 +17,7 @@ from ..model.pair_friction import FIELDS
 from ..model.sensor import SampledSensor, Sensor
 from ..model.shapes import Shape
 from ..model.tendon import check_tendons
-from ..model.tree_checks import check_links, check_locked
+from ..model.tree_checks import check_links, check_locked, links_of_pairs
 from .report import Report
 from .sensors import read_sensors
 from .servos import read_servos
@@ -60,6 +60,7 @@ SECTIONS = (
     "shapes",
     "keyframes",
     "excluded",
+    "included",
     "loops",
     "tendons",
     "immersed",
@@ -110,6 +111,7 @@ class Settings(NamedTuple):
     immersed: tuple[Immersed, ...] = ()
     propellers: tuple[Propeller, ...] = ()
     sensors: tuple[Sensor | SampledSensor, ...] = ()
+    included: tuple[tuple[str, str], ...] = ()  # neighbors that do
 
     def under(self, other: Settings) -> Settings:
         """Return both, of which the other one's count where both state the same."""
@@ -171,9 +173,9 @@ def _section(
     if name == "contacts":
         choice = _choice(table[name])
         return {"choice": choice} if choice else {name: _contacts(table[name], links)}
-    if name == "excluded":
+    if name in ("excluded", "included"):
         pairs = name_pairs_of(table, name, 'write [["hand", "thigh"], ...]')
-        check_links(name, links, (link for pair in pairs for link in pair))
+        check_links(name, links, links_of_pairs(links, pairs))
         return {name: pairs}
     if name == "loops":
         return {name: records_of(Loop, table[name], name, lambda found: check_loops(links, found))}

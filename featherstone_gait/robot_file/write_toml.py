@@ -26,7 +26,7 @@ def toml_text(model: Model) -> str:
     tables |= {f"joints.{written(j.name)}": own for j in model.joints if (own := _own(j))}
     tables |= {f"keyframes.{written(name)}": _posture(model, q) for name, q in model.keyframes.items()}
     lines = [f"base = {written(model.base)}", *contact_lines(model)]
-    lines += [f"excluded = {written(model.excluded)}"] if model.excluded else []
+    lines += touching_lines(model.excluded, model.included)
     tables |= shape_tables(
         {shape.name: shape for shape in model.shapes if shape.name and rubs(shape) and is_in_urdf(shape)}
     )
@@ -36,6 +36,12 @@ def toml_text(model: Model) -> str:
     return "\n".join(
         [*lines, *_tendon_lines(model.tendons), *immersed_lines(model.immersed), *carried_lines(model), ""]
     )
+
+
+def touching_lines(excluded: tuple[tuple[str, str], ...], included: tuple[tuple[str, str], ...]) -> list[str]:
+    """Return the lines of what does not touch, and of the neighbors that do."""
+    pairs = {"excluded": excluded, "included": included}
+    return [f"{name} = {written(value)}" for name, value in pairs.items() if value]
 
 
 def _tendon_lines(tendons: Iterable[Tendon]) -> list[str]:

@@ -32,7 +32,7 @@ from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, TURNING, Pairs
 from ..core.tree.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
 from ..core.tree.layout import PRISMATIC
-from ..geometry.distance import HalfSpace, meeting_shapes, shape_tables
+from ..geometry.distance import HalfSpace, meeting_shapes, rows_by_name, shape_tables
 from ..geometry.mesh import hull_excess
 from ..model import Ground, HeightField, Joint
 from ..model.numpy_dynamics import link_poses
@@ -354,9 +354,10 @@ def _check_count(count: int) -> None:
 
 def _chosen(parts: Parts, option: PairContact, excluded: Iterable[tuple[str, str]]) -> np.ndarray:
     """Return the rows (pairs, 2) of the shapes that may touch each other, in their order."""
-    n, shapes, rows = len(parts.solids), _Shapes.of(parts), _rows_by_name(parts.solids)
+    n, shapes, rows = len(parts.solids), _Shapes.of(parts), rows_by_name(solid.names for solid in parts.solids)
     none = np.zeros(0, np.int64)
     apart = np.unique(np.concatenate([none, *(_between(rows.get(a, []), rows.get(b, []), n) for a, b in excluded)]))
+    rows = rows_by_name(dict.fromkeys((solid.of, solid.link)) for solid in parts.solids)
     if isinstance(option.select, str):
         chosen = shapes.every(apart) if option.select == ALL else none
     else:
@@ -382,17 +383,8 @@ def _asked_for(pair: tuple[str, str], rows: dict[str, list[int]], shapes: _Shape
     return found
 
 
-def _rows_by_name(solids: Sequence[Solid]) -> dict[str, list[int]]:
-    """Return the rows of each link, and of each member or obstacle."""
-    rows: dict[str, list[int]] = {}
-    for k, solid in enumerate(solids):
-        for name in dict.fromkeys((solid.of, solid.link)):
-            rows.setdefault(name, []).append(k)
-    return rows
-
-
 def _excluded(members: Sequence[Member], excluded: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of links that do not touch: those of the scene, and of each robot."""
+    """Yield the pairs of links or shapes that do not touch: those of the scene, and of each robot."""
     yield from excluded
     for member in members:
         yield from ((named(member, one), named(member, two)) for one, two in member.model.excluded)

@@ -29,7 +29,7 @@ from .tree import (
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
 NO_CONSTRAINTS = 1 << 0
-NO_CONTACTS, NO_GRAVITY, NO_FILTER = 1 << 4, 1 << 7, 1 << 10
+NO_CONTACTS, NO_GRAVITY = 1 << 4, 1 << 7
 SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's defaults
 
 
@@ -76,8 +76,6 @@ def _contacts(m: Any, tree: Tree) -> Iterator[str]:
     found = {int(g) for k in pairs for g in (m.pair_geom1[k], m.pair_geom2[k])} | {int(g) for g in sticky}
     if found:
         yield f"ignored the adhesion of geoms {quoted(names[g] for g in sorted(found))}: contacts do not pull"
-    if m.opt.disableflags & NO_FILTER:
-        yield "ignored the <flag> that lets neighbors touch: links that a joint connects never do"
 
 
 def _slack_joints(m: Any, tree: Tree) -> Iterator[str]:

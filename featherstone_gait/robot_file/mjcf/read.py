@@ -26,8 +26,8 @@ from .sensors import read_sensors
 from .sizes import check_sizes, documents_of
 from .stated import Stated
 from .tendons import read_tendons, taken
-from .touching import collisions, links_apart, paired_geoms, read_touching
-from .tree import BALL, Tree, names_of, read_shapes, read_tree, rounded
+from .touching import as_names, collisions, neighbors_that_touch, paired_geoms, read_touching
+from .tree import BALL, Tree, geometry_of, names_of, read_shapes, read_tree, rounded
 
 NAMELESS = "MuJoCo Model"  # what MuJoCo calls a file without a name
 LINE = re.compile(r"line \d+")  # 0 of what is included
@@ -76,15 +76,18 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     slack = slack_notes(m, [*touching.friction, *ground])
     for sentence in (*notes(m, tree), *slack, *said, *left, *touching.remarks, *actuators.remarks, *remarks):
         report.remark(sentence)
-    geoms = [g for g in touching.friction if tree.holds(m, int(m.geom_bodyid[g]))]
+    geoms = [g for g in touching.friction if tree.holds(m, int(m.geom_bodyid[g])) and geometry_of(m, g) is not None]
     every = [*range(len(geoms))]
     meeting = collisions(m, geoms, every, paired_geoms(m), stated.is_there)
-    apart = links_apart([tree.bodies[m.geom_bodyid[g]] for g in geoms], every, meeting)
+    links = [tree.bodies[m.geom_bodyid[g]] for g in geoms]
+    shaped = [f"{link}/{names[g]}" for link, g in zip(links, geoms)]
+    near = neighbors_that_touch(m, geoms)
+    included = [] if stated.is_there else as_names(links, shaped, every, near & meeting)
     return Robot(
         name_of(m, path), tree.links, actuators.joints, shapes, tree.base, held_by(m, tree), actuators.servos,
-        postures_of(m, tree), tuple(apart), read_loops(m, tree, equality_names(m)),
+        postures_of(m, tree), tuple(as_names(links, shaped, every, ~meeting)), read_loops(m, tree, equality_names(m)),
         read_tendons(m, tree, actuators.drives), read_immersed(m, tree),
-        sensors=tuple(sensors), stated=settings,
+        sensors=tuple(sensors), included=tuple(included), stated=settings,
     )  # fmt: skip
 
 

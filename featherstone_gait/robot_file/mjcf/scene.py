@@ -48,7 +48,7 @@ from .sensors import read_sensors
 from .sizes import documents_of
 from .stated import Stated, as_stated
 from .tendons import read_tendons, taken
-from .touching import collisions, links_apart, paired_geoms
+from .touching import as_names, collisions, neighbors_that_touch, paired_geoms
 from .tree import (
     FLOOR,
     FRICTIONS,
@@ -93,7 +93,7 @@ class Content(NamedTuple):
     obstacles: list[Part]
     ground: Ground | None
     gravity: tuple[float, float, float]
-    excluded: list[tuple[str, str]]  # links of the scene that do not touch each other
+    excluded: list[tuple[str, str]]  # links and shapes of the scene that do not touch each other
     pairs: PairWord | tuple[tuple[str, str], ...] | PairContact  # what does, if `save_scene` has written it
     loops: tuple[Loop, ...]  # between members
     fluid: Fluid | None
@@ -175,7 +175,8 @@ def read_scene(path: Path, report: Report) -> Content:
     if solids.collide.any() and pairs == NONE:
         report.remark('bodies touch the ground alone, unless compile_scene is given pairs="all"')
     obstructing = [link_name(part.robot.name, OBSTACLE) for part in obstacles]
-    excluded, loops = _excluded(solids, owners, obstructing), joining_loops(m, trees, equality_names(m))
+    excluded = _excluded(solids, owners, obstructing)
+    loops = joining_loops(m, trees, equality_names(m))
     return Content(
         name_of(m, path), members, obstacles, ground, gravity_of(m), excluded, pairs, loops, fluid_of(m),
         _frictions(m, solids, owners, floor, report), tuple(sensors), texts.table(),
@@ -276,6 +277,10 @@ def _member(
             report.remark(sentence)
     found = (replace(solids.shapes[g], link=tree.bodies[m.geom_bodyid[g]]) for g in own)
     shapes = dict(zip(own, as_stated(found, stated.shapes)))
+    near, columns = neighbors_that_touch(m, own), np.array([k for k, g in enumerate(solids.shapes) if g in shapes], int)
+    meeting = solids.collide[np.ix_(np.searchsorted(solids.rows, columns), columns)]
+    links = [shape.link for shape in shapes.values()]
+    shaped = [f"{shape.link}/{shape.name}" for shape in shapes.values()]
     sensors, said = read_sensors(
         m, lambda b: tree.bodies[b] if b and m.body_rootid[b] == top else None, f"{prefix}{SEPARATOR}", world=False
     )
@@ -285,7 +290,8 @@ def _member(
     robot = Robot(
         name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree),
         loops=loops, tendons=read_tendons(m, tree, drives, top), immersed=read_immersed(m, tree, top),
-        sensors=tuple(sensors), stated=stated._replace(shapes={}),
+        sensors=tuple(sensors), included=tuple(as_names(links, shaped, [*range(len(own))], near & meeting)),
+        stated=stated._replace(shapes={}),
     )  # fmt: skip
     touching = tuple(_on_ground(shape, *solids.friction[g]) for g, shape in shapes.items() if g in solids.friction)
     return Part(robot, vector(m.body_pos[top]), tuple(m.body_quat[top].tolist()), touching)
@@ -371,10 +377,13 @@ def _solids(
 
 
 def _excluded(solids: Solids, owners: Mapping[int, str], still: list[str]) -> list[tuple[str, str]]:
-    """Return the pairs of links that never touch, without those of two obstacles, and links that touch no ground."""
-    apart = links_apart([owners[g] for g in solids.shapes], solids.rows, solids.collide)
+    """Return what never touches, links or shapes, without pairs of two obstacles, and links that touch no ground."""
+    shaped = [link_name(owners[g], shape.name) for g, shape in solids.shapes.items()]
+    links = [owners[g] for g in solids.shapes]
+    at_rest = np.array([link in still for link in links], bool)
+    apart = as_names(links, shaped, solids.rows, ~(solids.collide | (at_rest[solids.rows, None] & at_rest)))
     without = {*still, *(owners[g] for g in solids.friction)}
-    high = [link for link in dict.fromkeys(owners[g] for g in solids.shapes) if link not in without]
+    high = [link for link in dict.fromkeys(links) if link not in without]
     return [*apart, *((link, GROUND) for link in high)]
 
 

@@ -15,6 +15,7 @@ from ...base.flaws import quoted
 from .tree import HFIELD, PLANE, Tree, names_of
 
 FRICTIONLESS = 1  # condim
+NO_FILTER = 1 << 10  # mjtDisableBit, of <flag filterparent>
 DEFAULT_FRICTION = 1.0  # MuJoCo's of a geom
 
 
@@ -116,21 +117,52 @@ def collisions(
     return found
 
 
-def links_apart(owners: list[str], rows: list[int], collide: np.ndarray) -> list[tuple[str, str]]:
-    """Return the pairs of links, one of them of a geom in some rows (k,), of which no geoms touch.
+def neighbors_that_touch(m: Any, geoms: list[int]) -> np.ndarray:
+    """Return which geoms (n, n) may touch with one joint between: by a <flag>, a <pair>, or as one stands still."""
+    rigid = m.body_weldid[m.geom_bodyid[geoms]]
+    carrier = m.body_weldid[m.body_parentid[rigid]]
+    near = (carrier[:, None] == rigid) & (rigid != 0)[:, None]
+    near |= near.T
+    row, still = {g: k for k, g in enumerate(geoms)}, np.asarray(rigid == 0)
+    found = near & (still | still[:, None] | bool(m.opt.disableflags & NO_FILTER))
+    for one, two in paired_geoms(m):
+        if one in row and two in row:
+            found[row[one], row[two]] = found[row[two], row[one]] = near[row[one], row[two]]
+    return found
 
-    owners: the link of each geom; collide: the `collisions` (k, n) of these rows.
+
+def as_names(links: list[str], shapes: list[str], rows: list[int], wanted: np.ndarray) -> list[tuple[str, str]]:
+    """Return pairs of shapes by few names: those of their links, "link/shape" where not all of a link are.
+
+    links: of each shape; shapes: "link/shape"; wanted: (k, n) of some rows (k,), all those of their links.
     """
-    links = {link: k for k, link in enumerate(dict.fromkeys(owners))}
-    of = np.array([links[owner] for owner in owners], int)
-    own = np.unique(of[rows])
-    touch = np.zeros((len(own), len(links)), bool)
-    for k, row in zip(np.searchsorted(own, of[rows]), collide):
-        touch[k, of[row]] = True
-    one, two = np.nonzero(~touch)
-    pairs = {(min(both), max(both)) for both in zip(own[one].tolist(), two.tolist()) if both[0] != both[1]}
-    names = [*links]
-    return [(names[i], names[j]) for i, j in sorted(pairs)]
+    own = dict[str, list[int]]()
+    for k, link in enumerate(links):
+        own.setdefault(link, []).append(k)
+    names, at = [*own], {row: k for k, row in enumerate(rows)}
+    number = {link: k for k, link in enumerate(names)}
+    of = np.array([number[link] for link in links], int)
+    mine = np.unique(of[rows])
+    some = np.zeros((len(mine), len(names)), bool)
+    for k, row in zip(np.searchsorted(mine, of[rows]), wanted):
+        some[k, of[row]] = True
+    each, other = np.nonzero(some)
+    meeting = {(min(both), max(both)) for both in zip(mine[each].tolist(), other.tolist()) if both[0] != both[1]}
+    found = list[tuple[str, str]]()
+    for i, j in sorted(meeting):
+        first, turned = (i, False) if own[names[i]][0] in at else (j, True)
+        one, two = own[names[first]], own[names[j if first == i else i]]
+        part = wanted[np.ix_([at[k] for k in one], two)]
+        one, two, part = (two, one, part.T) if turned else (one, two, part)
+        if part.all():
+            found.append((names[i], names[j]))
+            continue
+        whole, across = (np.asarray(part.all(axis=axis)) for axis in (1, 0))
+        found += [(shapes[one[k]], names[j]) for k in np.flatnonzero(whole)]
+        found += [(names[i], shapes[two[k]]) for k in np.flatnonzero(across)]
+        left = np.argwhere(part & ~whole[:, None] & ~across)
+        found += [(shapes[one[a]], shapes[two[b]]) for a, b in left]
+    return found
 
 
 def _friction(m: Any, pair: int, stated: bool) -> float | None:

@@ -25,7 +25,7 @@ from ...model.rigid_bodies import depth_first_joints, held_frame
 from ...model.shapes import Mesh, Shape
 from ..markup import comment, element
 from ..urdf import TRIANGLE_TOLERANCE
-from ..write_toml import mjcf_lines, rubs
+from ..write_toml import mjcf_lines, rubs, touching_lines
 from .fluids import immersed_geoms
 from .loops import length_at_zero, loop_lines, rod_lines, site_lines
 from .sensors import lost_of_sensors, measures, sensor_lines, sensor_site_lines
@@ -105,6 +105,10 @@ def _text_lines(model: Model, fluid: bool, bare: bool) -> list[str]:
     stated = () if fluid else model.immersed
     tendons = [one for one in model.tendons if wound(model, one)]
     lines = mjcf_lines(model, joints, servos, stated, tendons, tuple(names[len(model.shapes) :]), shapes)
+    if bare:  # a scene writes bits of geoms
+        links = {link.name for link in model.links}
+        shaped = tuple(pair for pair in model.excluded if not {*pair} <= links)
+        lines = [*touching_lines(shaped, model.included), *lines]
     return element("text", {"name": STATED, "data": "\n".join(lines).strip()}) if lines else []
 
 

@@ -2,14 +2,19 @@
 
 Each model is written by itself, its names get "NAME/" in front, and it is put at its place.  Contact bits: the ground
 has affinity 1; shapes have type and affinity 2, and type 1 too if they touch the ground; contact points have type 1.
+Shapes of bodies that touch partly have type 4, 8, ... instead of 2, and the affinity of what they touch.
 """
 
 from __future__ import annotations
 
+import functools
 import json
 import math
+import operator
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, fields, replace
+from itertools import combinations
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Comment, Element, SubElement, TreeBuilder, XMLParser, fromstring, indent, tostring
 
@@ -19,7 +24,8 @@ from ...base.fixed_order import applied
 from ...base.rotation import rotation_from_quaternion
 from ...dynamics import forward_kinematics
 from ...geometry.contact_choice import contact_points, lowest_levels
-from ...model import ContactPoint, Ground, Loop, Model
+from ...geometry.distance import mark, named_shapes, neighbors, rows_by_name
+from ...model import ContactPoint, Ground, Loop, Model, rigid_bodies
 from ...model.numpy_dynamics import zero_position
 from ...model.pair_contact import GROUND, PairContact, pair_contact
 from ...model.pair_friction import Frictions, shape_names
@@ -35,7 +41,7 @@ from .stated import OF_SCENE as STATED_OF_SCENE
 from .stated import STATED
 from .tree import FRICTIONS, PAIRS, WORLD, unused
 from .write import mjcf_text
-from .write_frictions import contact_of, friction_pairs, geoms_of, unranked, write_friction
+from .write_frictions import Geom, contact_of, friction_pairs, geoms_of, unranked, write_friction
 from .write_geoms import FLOOR, field_lines, floor_lines, pair_lines
 
 # Attributes with a name of the model's:
@@ -45,6 +51,7 @@ REFERENCES = (
 )  # fmt: skip
 SECTIONS = ("asset", "worldbody", "tendon", "equality", "contact", "actuator", "sensor")
 GIVING = ("penetration", "damping_ratio", "steps", "lines")  # of a Ground, what its geom does not state
+KINDS = 30  # of shapes, each with a bit of its own
 BITS = {True: ("3", "2"), False: ("2", "2")}  # contype and conaffinity of shapes that touch the ground and do not
 
 
@@ -86,10 +93,7 @@ def scene_text(scene: SceneModel) -> tuple[str, list[str]]:
     geoms = [geom for placed, part in zip(scene.all, parts) for geom in geoms_of(placed, part.model.shapes)]
     written = [name for geom in sections["worldbody"].iter("geom") if (name := geom.get("name", FLOOR)) != FLOOR]
     sections["contact"].extend(friction_pairs(scene, geoms, written))
-    bodies = {body.get("name", "") for part in parts for body in part.body.iter("body")}
-    for one, two in scene.excluded:
-        if {one, two} <= bodies:
-            SubElement(sections["contact"], "exclude", body1=one, body2=two)
+    of_scene += _write_touching(scene, geoms, sections)
     _write_beside(scene, sections)
     custom = SubElement(root, "custom")
     if pair_contact(scene.pairs) is not None:
@@ -104,6 +108,59 @@ def scene_text(scene: SceneModel) -> tuple[str, list[str]]:
     _write_keys(root, scene.members, parts)
     indent(root)
     return tostring(root, encoding="unicode") + "\n", [*lost, *of_scene]
+
+
+def _write_touching(scene: SceneModel, geoms: list[Geom], sections: dict[str, Element]) -> list[str]:
+    """Write what touches: <exclude> of bodies, <pair> of neighbors, and bits of the geoms of bodies that touch partly.
+
+    Return what the file lacks.
+    """
+    contact, n = sections["contact"], len(geoms)
+    rows, links = rows_by_name(geom.names[1:] for geom in geoms), [geom.names[1] for geom in geoms]
+    apart, start = np.zeros((n, n), bool), 0
+    own = ((link_name(at.name, a), link_name(at.name, b)) for at in scene.members for a, b in at.model.excluded)
+    for one, two in (*scene.excluded, *own):
+        mark(apart, rows.get(one, []), rows.get(two, []))
+    for model in (placed.model for placed in scene.all):
+        (_, near), included, end = neighbors(model), named_shapes(model, model.included), start + len(model.shapes)
+        places = rigid_bodies(model)[1]
+        still = np.array([model.base == "fixed" and places[shape.link].row == 0 for shape in model.shapes], bool)
+        touch = near & (still | still[:, None])  # in MuJoCo
+        apart[start:end, start:end] |= touch & ~included
+        for a, b in start + np.argwhere(np.triu(near & included & ~touch)):
+            names = {geoms[a].name, geoms[b].name}
+            if not any({each.get("geom1"), each.get("geom2")} == names for each in contact.iter("pair")):
+                SubElement(contact, "pair", geom1=geoms[a].name, geom2=geoms[b].name)
+        start = end
+    bodies = {body.get("name", "") for body in sections["worldbody"].iter("body")}
+    whole = [pair for pair in scene.excluded if {*pair} <= bodies]
+    for one, two in combinations(dict.fromkeys(links), 2):
+        block = np.ix_(rows[one], rows[two])
+        if {one, two} <= bodies and apart[block].all():
+            apart[block] = apart[block[::-1]] = False
+            whole.append((one, two))
+    written = {frozenset((each.get("body1"), each.get("body2"))) for each in contact.iter("exclude")}
+    for one, two in whole:
+        if frozenset((one, two)) not in written:
+            SubElement(contact, "exclude", body1=one, body2=two)
+            written.add(frozenset((one, two)))
+    closed = [row.tobytes() for row in apart | np.eye(n, dtype=bool)]
+    counts = Counter(closed)  # shapes share a bit that touch the same, and each other or, by their own bit, not
+    alike = [own if counts[own] > 1 else row.tobytes() for own, row in zip(closed, apart)]
+    kinds = {kind: k for k, kind in enumerate(dict.fromkeys([bytes(n), *alike]))}
+    if len(kinds) > KINDS:
+        return [
+            f"left out which shapes of bodies touch: {len(kinds)} kinds of them are more than {KINDS} bits tell apart"
+        ]
+    bits = [2 << kinds[kind] for kind in alike]
+    every = functools.reduce(operator.or_, bits, 2)
+    found = {geom.get("name"): geom for geom in sections["worldbody"].iter("geom")}
+    for k, geom in enumerate(geoms):
+        if geom.name in found and len(kinds) > 1:
+            met = every & ~functools.reduce(operator.or_, (bits[i] for i in np.flatnonzero(apart[k])), 0)
+            ground = int(found[geom.name].attrib["contype"]) & 1
+            found[geom.name].attrib.update(contype=str(bits[k] | ground), conaffinity=str(met))
+    return []
 
 
 def _options(scene: SceneModel, fluid: bool) -> dict[str, str]:
