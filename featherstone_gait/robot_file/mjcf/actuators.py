@@ -10,10 +10,13 @@ dcmotor with the input "pos"
     and Ki = R/K ki g; its current follows R I + L dI/dt = U - K dl/dt, limited by the torque over K.
 motor
     F = u: the product of gear and control limit is the most it gives the joint; the sum over the joint's motors is its
-    `effort`.
+    `effort`, which limits no torque given as `tau`.
 of a tendon, with a force F = g u + b0 - kp l - kv dl/dt
     the tendon's drive has the law pd_clamped with Kp = kp and Kd = kv.  Its reference is the length (g u + b0) / kp;
     with kp = 0 the force g u + b0 is that of `tau`.
+
+An actuatorfrcrange limits the sum of g F on a joint and the sum of F on a tendon.  Here a joint or tendon has one
+actuator, whose own limit that is: of the torque of a position actuator, of the current of a dcmotor.
 
 An actuator of a fixed tendon whose joints all follow one, or are one, is an actuator of that joint: the tendon's length
 is g' q and a constant.
@@ -53,6 +56,9 @@ RANGED = (
     "ignored the ctrlrange of actuators, since references have no limits: keep references [rad or m] where MuJoCo "
     "clamps them: "
 )
+FREE_TORQUE = "took limits of motors as efforts, which limit no tau: keep tau [N m or N] where MuJoCo clamps it: "
+LARGER_END = "took the larger end of forcerange of actuators, or of actuatorfrcrange of tendons, either way"
+INFINITE = (-math.inf, math.inf)
 
 
 class Actuators(NamedTuple):
@@ -142,10 +148,11 @@ def read_actuators(
             left.setdefault(reason, []).append(row.name)
     for name, effort in efforts.items():
         by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
-    ranges = [f"{one.removeprefix(RANGED)} of {quoted(names)}" for one, names in left.items() if one.startswith(RANGED)]
     remarks = [f"{one}: {quoted(left.pop(one))}" for one in (OWN_FORCE, FREE_FORCE) if one in left]
-    doubts = [f"{reason}: {quoted(names)}" for reason, names in left.items() if not reason.startswith(RANGED)]
-    doubts += [f"{RANGED}{'; '.join(ranges)}"] if ranges else []
+    doubts = [f"{one}: {quoted(names)}" for one, names in left.items() if not one.startswith((RANGED, FREE_TORQUE))]
+    for head in (RANGED, FREE_TORQUE):
+        ranges = [f"{one.removeprefix(head)} of {quoted(names)}" for one, names in left.items() if one.startswith(head)]
+        doubts += [f"{head}{'; '.join(ranges)}"] if ranges else []
     torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
     if len(torques) not in (0, len(servos)):
         remarks.append(
@@ -175,11 +182,26 @@ def turned(m: Any, k: int) -> tuple[int, float]:
     return (-1, 0.0) if others else (joint, gear * c)
 
 
+def _most(m: Any, k: int) -> tuple[float, tuple[float, float]]:
+    """Return what the force of an actuator is limited to by its joint, either way, and by its tendon."""
+    kind, target, gear, forces = m.actuator_trntype[k], int(m.actuator_trnid[k, 0]), m.actuator_gear[k, 0], INFINITE
+    arms = {target: 1.0} if kind in JOINT_TRANSMISSIONS else {}
+    if kind == TENDON:
+        arms = joints_of(m, target) if turned(m, k)[0] >= 0 else {}
+        if getattr(m, "tendon_actfrclimited", np.zeros(m.ntendon))[target]:  # not in older versions of MuJoCo
+            forces = (float(m.tendon_actfrcrange[target, 0]), float(m.tendon_actfrcrange[target, 1]))
+    limited = {j: abs(gear * c) for j, c in arms.items() if m.jnt_actfrclimited[j] and gear * c}
+    limits = (float(np.abs(m.jnt_actfrcrange[j]).max() / arm) for j, arm in limited.items())
+    return min(limits, default=math.inf), forces
+
+
 def _row(m: Any, k: int, gear: float) -> _Row:
     control = int(m.actuator_ctrladr[k]) if hasattr(m, "actuator_ctrladr") else k
     limited = 0 <= control < m.nu and m.actuator_ctrllimited[control] and not m.opt.disableflags & NO_CLAMP
     controls = m.actuator_ctrlrange[control] if limited else (-math.inf, math.inf)
-    forces = m.actuator_forcerange[k] if m.actuator_forcelimited[k] else (-math.inf, math.inf)
+    most, (weakest, strongest) = _most(m, k)
+    own = m.actuator_forcerange[k].tolist() if m.actuator_forcelimited[k] else INFINITE
+    forces = (max(own[0], weakest), min(own[1], strongest))
     group = int(m.actuator_group[k])
     more = {  # which only newer versions of MuJoCo have
         "ignored the nonlinear damping of actuators": np.any(getattr(m, "actuator_dampingpoly", np.zeros(k + 1))[k]),
@@ -194,8 +216,8 @@ def _row(m: Any, k: int, gear: float) -> _Row:
         bias=m.actuator_biasprm[k].tolist(),
         controls=(float(controls[0]), float(controls[1])),
         control=float(np.abs(controls).max()),
-        force=float(np.abs(forces).max()),
-        forces=(float(forces[0]), float(forces[1])),
+        force=min(float(np.abs(forces).max()), most),
+        forces=forces,
         uneven=(bool(controls[0] != -controls[1]), bool(forces[0] != -forces[1])),
         armature=float(m.actuator_armature[k]) if hasattr(m, "actuator_armature") else 0.0,
         damping=float(m.actuator_damping[k]) if hasattr(m, "actuator_damping") else 0.0,
@@ -231,7 +253,9 @@ def _motor(row: _Row) -> _Read:
     low, high = (gain * u if gain else 0.0 for u in row.controls)
     uneven = max(low, row.forces[0]) != -min(high, row.forces[1])
     reasons = ("took the larger limit of motors either way, for a joint has one effort",) * uneven
-    return _Read(effort=g * most if g else 0.0, reasons=(*reasons, *row.more))
+    most = g * most if g else 0.0
+    free = (f"{FREE_TORQUE}{-most:.6g} to {most:.6g}",) * (most < math.inf)
+    return _Read(effort=most, reasons=(*reasons, *free, *row.more))
 
 
 def _position(row: _Row) -> _Read:
@@ -242,7 +266,7 @@ def _position(row: _Row) -> _Read:
         OWN_ANGLE: row.gear != 1,
         SCALED: row.gain[0] != -row.bias[1],
         **_range(row, row.gain[0] / -row.bias[1]),
-        "took the larger end of forcerange of actuators either way": row.uneven[1],
+        LARGER_END: row.uneven[1],
     }
     return _Read(Servo(law), reasons=(*(reason for reason, holds in found.items() if holds), *row.more))
 
@@ -260,9 +284,9 @@ def _tendon_drive(row: _Row) -> tuple[Controller | None, tuple[str, ...]]:
     law = Controller("pd_clamped", Kp=abs(Kp), Kd=abs(Kd), torque_limit=g * row.force)
     found = {
         "took activations of actuators as being at once, though they are filtered": row.kind[0] != NO_DYNAMICS,
-        "ignored the forcerange of actuators on tendons, for forces of tau": not Kp and row.force < math.inf,
+        "ignored the force limit of actuators on tendons, for forces of tau": not Kp and row.force < math.inf,
         FREE_FORCE: not Kp and row.control < math.inf,
-        "took the larger end of forcerange of actuators either way": row.uneven[1],
+        LARGER_END: row.uneven[1],
         OWN_FORCE: not Kp,
     }
     if Kp:

@@ -15,7 +15,7 @@ from ...model import Controller, Model, Tendon, Via, Wrap
 from ..markup import element
 from .actuators import TENDON as TENDON_TRANSMISSION
 from .actuators import turned
-from .equalities import NO_CONSTRAINTS, Tie, ties, title
+from .equalities import NO_CONSTRAINTS, Tie, joints_of, ties, title
 from .loops import SITE_WRAP, End, at_site, placed
 from .tree import NO_DAMPERS, NO_FRICTION, NO_LIMITS, NO_SPRINGS, NO_STOP, Tree, actuator_count, unused, vector
 
@@ -190,9 +190,24 @@ def tendon_doubts(m: Any, tree: Tree) -> Iterator[str]:
     which = [names[t] for t in own if _bends(m, t) and _beside(m, t, "armature")]
     if which:
         yield f"ignored the armature of actuators on tendons {quoted(which)}, which run around shapes: not supported"
+    limited = {tree.joint_names[j] for t in own if t in driven(m) for j in _moved(m, t) if m.jnt_actfrclimited[j]}
+    if limited:
+        yield f"ignored actuatorfrcrange of joints {quoted(sorted(limited))} for drives of tendons: limit the tendons"
     which = [names[t] for t in own if getattr(m, "tendon_springyield", np.zeros(m.ntendon))[t]]
     if which:
         yield f"ignored the plastic yield of the springs of tendons {quoted(which)}: not supported"
+
+
+def _moved(m: Any, t: int) -> set[int]:
+    """Return the joints that a fixed tendon turns, or those that carry what a spatial one runs along."""
+    if joints := joints_of(m, t):
+        return {*joints}
+    carriers: set[int] = set()
+    for b in bodies_of(m, t):
+        while b:
+            carriers.add(b)
+            b = int(m.body_parentid[b])
+    return {j for j in range(m.njnt) if int(m.jnt_bodyid[j]) in carriers}
 
 
 def tendon_notes(m: Any, tree: Tree) -> Iterator[str]:

@@ -95,7 +95,8 @@ def mjcf_text(
 def _text_lines(model: Model, fluid: bool, bare: bool) -> list[str]:
     """Write the <text> with what MJCF has no element for."""
     joints = [one for joint in model.joints for one in written_degrees(joint) if _moves(model, one)]
-    servos = {joint.name for joint in joints if joint.name in model.servos and not is_stated(model.servos[joint.name])}
+    driven = {joint.name: (model.servos[joint.name], joint.effort) for joint in joints if joint.name in model.servos}
+    servos = {name for name, (servo, effort) in driven.items() if not is_stated(servo, effort)}
     names = geom_names(model)
     shapes = {
         name: shape

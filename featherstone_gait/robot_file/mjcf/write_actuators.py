@@ -57,12 +57,12 @@ def _speed_gain(servo: Servo) -> float:
     return servo.gearbox.ratio * servo.motor_constant / servo.resistance * servo.controller.Kp
 
 
-def is_stated(servo: Servo) -> bool:
-    """Return whether MJCF states all of a servo."""
+def is_stated(servo: Servo, effort: float) -> bool:
+    """Return whether MJCF states all of the servo of a joint with this effort, by which MuJoCo limits servos."""
     law = servo.controller
-    return law.law == "pd_clamped" and servo == Servo(
-        Controller(law.law, law.Kp, Kd=law.Kd, torque_limit=law.torque_limit)
-    )
+    if law.law != "pd_clamped" or law.torque_limit > effort:
+        return False
+    return servo == Servo(Controller(law.law, law.Kp, Kd=law.Kd, torque_limit=law.torque_limit))
 
 
 def rotor_inertia(servo: Servo | None) -> float:
