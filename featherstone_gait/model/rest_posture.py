@@ -13,12 +13,20 @@ from .numpy_dynamics import at_joints
 from .robot import Model
 
 ROUNDING = 1e-12  # of a position [rad or m]
+START = "qpos0"  # keyframe whose joints are those of the start of a run; of MJCF, the posture of `ref`
 STANDING = ("stand", "standing", "home")  # keyframes in which a robot stands
 
 
 def standing_keyframe(model: Model) -> np.ndarray | None:
     """Return the positions (nq,) of the first keyframe named in `STANDING`; None if there is none."""
     return next((np.array(model.keyframes[name]) for name in STANDING if name in model.keyframes), None)
+
+
+def start_positions(model: Model) -> np.ndarray:
+    """Return the positions (joints,) [rad or m] of the keyframe `START`, without one zeros."""
+    if START not in model.keyframes:
+        return np.zeros(len(model.joint_names))
+    return model.single_positions(np.array(model.keyframes[START]))
 
 
 def nearest_posture(model: Model) -> np.ndarray:

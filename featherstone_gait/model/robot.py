@@ -74,7 +74,7 @@ class Model:
     shapes : tuple of Shape
         Collision shapes.
     keyframes : Mapping of str to tuple of float
-        Named postures q (nq,) [m, -, rad or m].
+        Named postures q (nq,) [m, -, rad or m]; joints begin as in "qpos0", if there is one.
     notes : tuple of str
         What the reader of the file skipped or assumed, one sentence each.
     source : str

@@ -27,6 +27,7 @@ from ..dynamics.inverse_kinematics import close_loops, is_flipped
 from ..model import Model
 from ..model.composite import TOLERANCE
 from ..model.numpy_dynamics import at_joints, what_is_loose, with_quaternions
+from ..model.rest_posture import start_positions
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from ..scene.forest import Member, named, state_index
@@ -57,9 +58,10 @@ def initial_state(
     scene
         A compiled scene.
     q
-        Positions (nq,) [m, -, rad].  None: zero, with coupled joints where their leaders put them; a floating robot
-        over ground stands with its lowest contact point at the ground's `penetration`.  Of a scene of several robots
-        and objects a dictionary, by name; each that is not named is at its place.
+        Positions (nq,) [m, -, rad].  None: joints as in the keyframe "qpos0", which MJCF with `ref` has, else zero,
+        with coupled joints where their leaders put them; a floating robot over ground stands with its lowest contact
+        point at the ground's `penetration`.  Of a scene of several robots and objects a dictionary, by name; each that
+        is not named is at its place.
     qd
         Velocities (nv,) [m/s, rad/s], or a dictionary of such.  None: zero.
     allow_limit_violation
@@ -122,11 +124,11 @@ def initial_state(
 
 
 def _default(model: Model, scene: CompiledScene, open_loops: Sequence[str] | None = None) -> np.ndarray:
-    """Return the positions (nq,) at zero, with followers where their leaders put them, and loops closed but these.
+    """Return the positions (nq,) of the start, with followers where their leaders put them, and loops closed but these.
 
     open_loops None: all loops are left as they are.
     """
-    default = at_joints(model, followed(scene.tree.coupling, np.zeros(scene.tree.n)))
+    default = at_joints(model, followed(scene.tree.coupling, start_positions(model)))
     if open_loops is not None and len(open_loops) < len(model.loops):
         closed = replace(model, loops=tuple(loop for loop in model.loops if loop.name not in open_loops))
         if np.abs(loop_gaps(closed, default)).max() > CLOSED:

@@ -39,7 +39,7 @@ from ..model.numpy_dynamics import link_poses
 from ..model.pair_contact import ALL, GROUND, PairContact
 from ..model.pair_friction import Frictions, PairFriction, shape_names
 from ..model.placed import SEPARATOR, Placed, link_name
-from ..model.rest_posture import nearest_posture, standing_keyframe
+from ..model.rest_posture import START, nearest_posture, standing_keyframe
 from ..model.shapes import Box, Capsule, Mesh, Shape, Sphere
 from .contact import TWO_DEPTHS, half_thickness, plane_axes, standing_height
 from .forest import Member, named, shifts
@@ -603,7 +603,7 @@ def _near(
     bases, joints = [], []
     for member in members:
         model, (x, y, *height) = member.model, member.placed.position
-        q = standing_keyframe(model)
+        q = np.array(model.keyframes[START]) if START in model.keyframes else standing_keyframe(model)
         q = nearest_posture(model) if q is None else q
         if not height and options.ground is not None and model.base == "floating" and model.contacts:
             q[:7] = (x, y, 0.0, *member.placed.orientation)

@@ -38,6 +38,7 @@ def beside(model):
         joints=[*model.joints, *joints],
         tendons=[*model.tendons, cord, rotor],
         servos={**model.servos, own[1]: Servo(Controller("pd", wrap=True))},
+        keyframes={},
     )
 
 

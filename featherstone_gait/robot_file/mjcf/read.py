@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ...model import Base
+from ...model.rest_posture import START
 from ..report import Report, blamed_on
 from ..robot import Robot
 from ..settings import Posture, Settings
@@ -27,7 +28,7 @@ from .sizes import check_sizes, documents_of
 from .stated import Stated
 from .tendons import read_tendons, taken
 from .touching import as_names, collisions, neighbors_that_touch, paired_geoms, read_touching
-from .tree import BALL, Tree, geometry_of, names_of, read_shapes, read_tree, rounded
+from .tree import BALL, HINGE, SLIDE, Tree, geometry_of, names_of, read_shapes, read_tree, rounded
 
 NAMELESS = "MuJoCo Model"  # what MuJoCo calls a file without a name
 LINE = re.compile(r"line \d+")  # 0 of what is included
@@ -153,8 +154,10 @@ def _line(message: object) -> str:
 
 
 def postures_of(m: Any, tree: Tree) -> dict[str, Posture]:
-    """Return what the keyframes say of a tree."""
-    return {m.key(k).name or f"key{k}": _posture(m, tree, m.key_qpos[k]) for k in range(m.nkey)}
+    """Return what the keyframes say of a tree, and the posture of the references of its joints, if any is not 0."""
+    own = (j for j in range(m.njnt) if tree.holds(m, int(m.jnt_bodyid[j])) and m.jnt_type[j] in (SLIDE, HINGE))
+    start = {START: _posture(m, tree, m.qpos0)} if any(m.qpos0[m.jnt_qposadr[j]] for j in own) else {}
+    return {m.key(k).name or f"key{k}": _posture(m, tree, m.key_qpos[k]) for k in range(m.nkey)} | start
 
 
 def _posture(m: Any, tree: Tree, q: np.ndarray) -> Posture:

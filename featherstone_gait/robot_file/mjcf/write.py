@@ -21,6 +21,7 @@ from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_from_rpy, rpy_from_rotation
 from ...model import ContactPoint, Ground, Joint, Link, Model, Placement, RigidBody, inertia_matrix, rigid_bodies
 from ...model.degrees import degrees_of, written_degrees
+from ...model.rest_posture import START
 from ...model.rigid_bodies import depth_first_joints, held_frame
 from ...model.shapes import Mesh, Shape
 from ..markup import comment, element
@@ -144,6 +145,8 @@ def _remarks(model: Model) -> list[str]:
         remarks.append("MuJoCo limits servos by the efforts of joints (actuatorfrcrange) too: this package does not")
     if idle := [joint.name for joint in model.moving_joints if joint.effort == 0]:
         remarks.append("MJCF cannot state an effort of 0; replaced by the smallest number: " + ", ".join(idle))
+    if START in model.keyframes:
+        remarks.append(f"MuJoCo begins with all joints at 0, not at the keyframe {START!r}: reset to it")
     if any(link.name == WORLD for link in model.links) and not _is_world(model):
         remarks.append(f"link 'world' is called {_body_name(model, WORLD)!r}")
     if model.contacts:

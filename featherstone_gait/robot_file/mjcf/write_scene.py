@@ -30,7 +30,7 @@ from ...model.numpy_dynamics import zero_position
 from ...model.pair_contact import GROUND, PairContact, pair_contact
 from ...model.pair_friction import Frictions, shape_names
 from ...model.placed import OF_SCENE, SEPARATOR, Placed, SceneModel, link_name
-from ...model.rest_posture import nearest_posture, standing_keyframe
+from ...model.rest_posture import START, nearest_posture, standing_keyframe
 from ...model.shapes import Shape
 from ..write_toml import sensor_lines as carried_sensors
 from ..write_toml import table_lines
@@ -420,5 +420,7 @@ def _write_keys(root: Element, members: tuple[Placed, ...], parts: list[Written]
         for placed, part, keys in zip(members, parts, found):
             floating = placed.model.base == "floating"
             start = f"{part.body.attrib['pos']} {part.body.attrib['quat']} " if floating else ""
-            states.append(keys.get(name) or (start + _numbers([0.0] * len(placed.model.joint_names))).strip())
+            zeros = _numbers([0.0] * len(placed.model.joint_names))
+            joints = " ".join(keys[START].split()[7 * floating :]) if START in keys else zeros
+            states.append(keys.get(name) or (start + joints).strip())
         SubElement(section, "key", name=name, qpos=" ".join(filter(None, states)))
