@@ -26,5 +26,9 @@ class FlawError(ValueError):
 
 def quoted(items: Iterable[object]) -> str:
     """Join the items for a message, cut short after ten."""
-    shown = [repr(item) for item in items]
+    return listed([repr(item) for item in items])
+
+
+def listed(shown: list[str]) -> str:
+    """Join texts for a message, cut short after ten."""
     return ", ".join(shown[:10]) + (f" and {len(shown) - 10} more" if len(shown) > 10 else "")

@@ -230,7 +230,7 @@ def test_of_several_trees_the_one_with_most_joints_is_taken(write):
     arm = f'<body name="arm"><joint/>{BALL}</body>'
     whole = "".join(robots.values()) + arm
     free = "0 0 3 1 0 0 0"
-    path = write(robot(whole, key.format(f"{free} {free} 0.3 0.4 {free}") .replace("0.7 0.8", "0.5 0.6 0.7")))
+    path = write(robot(whole, key.format(f"{free} {free} 0.3 0.4 {free}").replace("0.7 0.8", "0.5 0.6 0.7")))
     with pytest.warns(RobotFileWarning, match="left out bodies 'ball', 'other', 'arm' .* here 'legs'"):
         model = load_robot(path)
     alone = load_robot(write(robot(robots["legs"])))
@@ -528,8 +528,6 @@ def test_motor_gives_the_joint_its_effort(write):
     with pytest.warns(RobotFileWarning, match="which limit no tau: .* -20 to 20 of 'm'"):
         (joint,) = load_robot(path).moving_joints
     assert joint.effort == 20.0
-
-
 
 
 def test_motors_whose_controls_are_not_clamped_have_no_limit(write):

@@ -29,6 +29,7 @@ from .tree import (
 GRAVITY = (0.0, 0.0, -9.81)
 # mjtDisableBit, of <flag>
 NO_CONSTRAINTS = 1 << 0
+SLEEP, SLEEP_AT_START = 1 << 4, 5  # mjtEnableBit, mjtSleepPolicy
 NO_CONTACTS, NO_GRAVITY = 1 << 4, 1 << 7
 SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's defaults
 
@@ -66,6 +67,35 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
         yield f"took the larger end of actuatorfrcrange of joints {quoted(uneven)} either way: effort has one number"
     yield from _gravity_compensation(m, tree)
     yield from _contacts(m, tree)
+    asleep = [tree.bodies[_first(m, k)] for k in _asleep(m)]
+    if asleep:
+        yield f"ignored that bodies {quoted(asleep)} sleep at the start (sleep='init'): they move at once"
+
+
+def _asleep(m: Any) -> list[int]:
+    """Return the trees that sleep until something touches them."""
+    if not m.opt.enableflags & SLEEP:
+        return []
+    return np.flatnonzero(getattr(m, "tree_sleep_policy", np.zeros(0)) == SLEEP_AT_START).tolist()
+
+
+def _first(m: Any, tree: int) -> int:
+    """Return the body at which a tree of MuJoCo begins."""
+    return int(m.tree_bodyadr[tree])
+
+
+def _keyframes(m: Any) -> Iterator[str]:
+    """Yield what keyframes state beside positions."""
+    mocap = [b for b in range(m.nbody) if m.body_mocapid[b] >= 0]
+    usual = {"mpos": m.body_pos[mocap].ravel(), "mquat": m.body_quat[mocap].ravel()}
+    parts: dict[str, list[str]] = {}
+    for k in range(m.nkey):
+        stated = {what: getattr(m, f"key_{what}")[k] for what in ("qvel", "ctrl", "act", "mpos", "mquat")}
+        found = [what for what, x in stated.items() if x.size and np.any(x != usual.get(what, 0.0))]
+        parts.setdefault(", ".join(found), []).append(m.key(k).name or f"key{k}")
+    for what, names in parts.items():
+        if what:
+            yield f"took positions alone of keyframes {quoted(names)}, without their {what}"
 
 
 def _contacts(m: Any, tree: Tree) -> Iterator[str]:
@@ -188,6 +218,7 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
         yield f"ignored bodies {quoted([tree.bodies[b] for b in fixed])}, which are fixed to the world"
     yield from tendons.tendon_notes(m, tree)
     yield from sensor_notes(m)
+    yield from _keyframes(m)
     for count, what in ((m.nsite, "sites"), (m.ncam, "cameras"), (m.nlight, "lights")):
         if count:
             yield f"skipped {count} {what}"

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ...base.flaws import quoted
+from ...base.flaws import listed, quoted
 from ...model.pair_friction import PairFriction
 from ...model.shapes import Shape
 from .touching import FRICTIONLESS, excluded_bodies, meets
@@ -62,6 +62,21 @@ def friction_on_floor(m: Any, g: int, floor: int | None, stated: bool) -> Iterat
     if meets(m, g, floor) and (int(m.geom_bodyid[floor]), int(m.geom_bodyid[g])) not in excluded_bodies(m):
         (mu, _, rolling), *_ = _combined(m, np.array([g]), np.array([floor])).tolist()
         yield None if mu == usual else mu, rolling or None
+
+
+def spinning_doubts(m: Any, geoms: Iterable[int], floor: int | None) -> Iterator[str]:
+    """Yield which geoms have a friction against spinning on the ground, where nothing resists it here."""
+    names, found = names_of(m, "geom", m.ngeom), []
+    for g in geoms if floor is not None else ():
+        pairs = (k for k in range(m.npair) if {int(m.pair_geom1[k]), int(m.pair_geom2[k])} == {g, floor})
+        k = next(pairs, None)
+        numbers = _combined(m, np.array([g]), np.array([floor]))[0].tolist() if k is None else _of_pair(m, k)
+        found += [f"{names[g]!r} {numbers[1]:.3g}"] if numbers[1] > 0 else []
+    if found:
+        yield (
+            "ignored the torsional friction [m] of geoms on the ground (condim 4 and 6), where nothing resists "
+            f"spinning: {listed(found)}; take a box of the world as floor to have it"
+        )
 
 
 def _of_pair(m: Any, k: int) -> tuple[float, float, float]:

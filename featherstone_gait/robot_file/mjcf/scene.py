@@ -41,10 +41,11 @@ from .frictions import (
     own_frictions,
     pair_frictions,
     slack_notes,
+    spinning_doubts,
 )
 from .loops import equality_names, joining_loops, read_loops
 from .read import compiled, held_by, name_of, postures_of
-from .sensors import read_sensors
+from .sensors import read_sensors, unseen
 from .sizes import documents_of
 from .stated import Stated, as_stated
 from .tendons import read_tendons, taken
@@ -170,6 +171,8 @@ def read_scene(path: Path, report: Report) -> Content:
         used.add(name)
         owners[g] = link_name(name, OBSTACLE)
     sensors, said = read_sensors(m, lambda b: None)
+    for sentence in unseen(m, solids.shapes, floor):
+        report.doubt(sentence)
     for sentence in (*notes(m, everything), *said, *remarks):
         report.remark(sentence)
     if solids.collide.any() and pairs == NONE:
@@ -179,12 +182,12 @@ def read_scene(path: Path, report: Report) -> Content:
     loops = joining_loops(m, trees, equality_names(m))
     return Content(
         name_of(m, path), members, obstacles, ground, gravity_of(m), excluded, pairs, loops, fluid_of(m),
-        _frictions(m, solids, owners, floor, report), tuple(sensors), texts.table(),
+        _frictions(m, solids, owners, floor, written, report), tuple(sensors), texts.table(),
     )  # fmt: skip
 
 
 def _frictions(
-    m: Any, solids: Solids, owners: Mapping[int, str], floor: int | None, report: Report
+    m: Any, solids: Solids, owners: Mapping[int, str], floor: int | None, written: bool, report: Report
 ) -> tuple[PairFriction, ...]:
     """Return the frictions of two shapes that do not follow from theirs; report what of their contact is not read."""
     touched = {*np.flatnonzero(np.any(solids.collide, axis=0)).tolist()}
@@ -192,6 +195,9 @@ def _frictions(
     low = [*solids.friction, *([] if floor is None else [floor])]
     for sentence in friction_doubts(m, [*bodies, *low]):
         report.doubt(sentence)
+    if not written:  # what this package has written, it has read
+        for sentence in spinning_doubts(m, solids.friction, floor):
+            report.doubt(sentence)
     for sentence in slack_notes(m, [*bodies, *low]):
         report.remark(sentence)
     names = {g: link_name(owners[g], shape.name) for g, shape in solids.shapes.items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -80,8 +80,33 @@ def _is_read(m: Any, k: int) -> bool:
     return kind in (TOUCH, FORCE, TORQUE, RANGEFINDER) and at_site and (kind != RANGEFINDER or m.sensor_dim[k] == 1)
 
 
+def unseen(m: Any, shapes: Container[int], floor: int | None) -> Iterator[str]:
+    """Yield which geoms rays meet in MuJoCo alone: those that touch nothing and are no shapes."""
+    carriers = {int(m.site_bodyid[m.sensor_objid[k]]) for k in _rays(m)}
+    ghosts = (g for g in range(m.ngeom) if carriers and g not in shapes and g != floor and _shows(m, g))
+    names = [m.geom(g).name or f"geom{g}" for g in ghosts if carriers - {int(m.geom_bodyid[g])}]
+    if names:
+        yield (
+            f"rays of rangefinders pass through geoms {quoted(names)}, which touch nothing: give them a contype to "
+            "have them seen"
+        )
+
+
+def _shows(m: Any, g: int) -> bool:
+    """Return whether a ray of MuJoCo meets a geom: it is not transparent."""
+    material = int(m.geom_matid[g])
+    return bool(m.geom_rgba[g, 3]) if material < 0 else bool(m.mat_rgba[material, 3])
+
+
+def _rays(m: Any) -> list[int]:
+    return [k for k in range(m.nsensor) if _is_read(m, k) and m.sensor_type[k] == RANGEFINDER]
+
+
 def sensor_notes(m: Any) -> Iterator[str]:
-    """Yield the sensors that are not read, by kind."""
+    """Yield the sensors that are not read, by kind, and what rays that meet nothing read."""
+    names = [m.sensor(k).name or f"sensor{k}" for k in _rays(m)]
+    if names:
+        yield f"rangefinders {quoted(names)} read inf, where MuJoCo reads -1 or, beyond it, the cutoff"
     kinds: dict[str, list[str]] = {}
     for k in (k for k in range(m.nsensor) if not _is_read(m, k)):
         kinds.setdefault(_kind(int(m.sensor_type[k])), []).append(m.sensor(k).name or f"sensor{k}")

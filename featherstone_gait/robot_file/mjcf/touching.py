@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.flaws import quoted
-from .tree import HFIELD, PLANE, Tree, names_of
+from .tree import HFIELD, PLANE, Tree, moments_of, names_of
 
 FRICTIONLESS = 1  # condim
 NO_FILTER = 1 << 10  # mjtDisableBit, of <flag filterparent>
@@ -62,6 +62,9 @@ def _unread(m: Any, geoms: list[int]) -> list[str]:
     said = []
     if any(friction != DEFAULT_FRICTION for friction in frictions):
         said.append(f"friction of geoms ({_span(frictions)}) is not read: contacts have that of the ground")
+    names = names_of(m, "geom", m.ngeom)
+    if spinning := [names[g] for g in geoms if moments_of(m, g)[0]]:
+        said.append(f"torsional friction of geoms {quoted(spinning)} counts between bodies alone, not on the ground")
     if margins:
         said.append(f"margin and gap of geoms ({_span(margins)} m) are not read: forces begin where shapes touch")
     return said
