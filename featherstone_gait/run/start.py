@@ -60,8 +60,8 @@ def initial_state(
     q
         Positions (nq,) [m, -, rad].  None: joints as in the keyframe "qpos0", which MJCF with `ref` has, else zero,
         with coupled joints where their leaders put them; a floating robot over ground stands with its lowest contact
-        point at the ground's `penetration`.  Of a scene of several robots and objects a dictionary, by name; each that
-        is not named is at its place.
+        point at the ground's `penetration`, or is where loops to the world hold it.  Of a scene of several robots and
+        objects a dictionary, by name; each that is not named is at its place.
     qd
         Velocities (nv,) [m/s, rad/s], or a dictionary of such.  None: zero.
     allow_limit_violation
@@ -87,10 +87,7 @@ def initial_state(
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(o["length"])
     y[o["step_control"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
-    default = _default(model, scene, names if q is None else None)
-    if model.base == "floating":
-        if scene.ground is not None and q is None:
-            default[2] = standing_height(model, scene.ground, default)
+    default = _default(model, scene, names if q is None else None, stands=q is None)
     if q is not None and not allow_limit_violation:
         _check_limits(scene, model.single_positions(vector("q", q, model.nq)))
     q = vector("q", default if q is None else q, model.nq)
@@ -123,17 +120,35 @@ def initial_state(
     return y
 
 
-def _default(model: Model, scene: CompiledScene, open_loops: Sequence[str] | None = None) -> np.ndarray:
+def _default(
+    model: Model,
+    scene: CompiledScene,
+    open_loops: Sequence[str] | None = None,
+    base: Sequence[float] = (),
+    stands: bool = False,
+) -> np.ndarray:
     """Return the positions (nq,) of the start, with followers where their leaders put them, and loops closed but these.
 
-    open_loops None: all loops are left as they are.
+    open_loops None: all loops are left as they are.  base: pose (7,) of a floating one, which `stands` puts at the
+    height at which it stands on the ground.  Without a pose loops to the world move the base as well.
     """
-    default = at_joints(model, followed(scene.tree.coupling, start_positions(model)))
-    if open_loops is not None and len(open_loops) < len(model.loops):
-        closed = replace(model, loops=tuple(loop for loop in model.loops if loop.name not in open_loops))
-        if np.abs(loop_gaps(closed, default)).max() > CLOSED:
-            default = close_loops(closed, default, hold_base=True)
-    return default
+    q = at_joints(model, followed(scene.tree.coupling, start_positions(model)))
+    loops = tuple(loop for loop in model.loops if open_loops is not None and loop.name not in open_loops)
+    tied = any(loop.b is None for loop in loops)  # to the world: they close where the base is to be
+    q = _with_base(model, scene, q, base, stands) if tied else q
+    if loops:
+        closed = replace(model, loops=loops)
+        if np.abs(loop_gaps(closed, q)).max() > CLOSED:
+            q = close_loops(closed, q, hold_base=len(base) > 0 or not tied)
+    return q if tied else _with_base(model, scene, q, base, stands)
+
+
+def _with_base(model: Model, scene: CompiledScene, q: np.ndarray, base: Sequence[float], stands: bool) -> np.ndarray:
+    """Return positions (nq,) with a floating base at its pose (7,), on the ground if it stands; no pose keeps it."""
+    q = np.array([*base, *q[len(base) :]])
+    if stands and model.base == "floating" and scene.ground is not None:
+        q[2] = standing_height(model, scene.ground, q)
+    return q
 
 
 def _of_members(
@@ -172,13 +187,10 @@ def _of_members(
 def placed_position(member: Member, open_loops: Sequence[str] = ()) -> np.ndarray:
     """Return the positions (nq,) of a member at its place: a base without a height stands on the ground."""
     model, scene, placed = member.model, member.scene, member.placed
-    q = _default(model, scene, open_loops)
     if model.base == "fixed":
-        return q
-    q[:7] = *[*placed.position, 0.0][:3], *placed.orientation
-    if len(placed.position) == 2 and scene.ground is not None:
-        q[2] = standing_height(model, scene.ground, q)
-    return q
+        return _default(model, scene, open_loops)
+    base = *[*placed.position, 0.0][:3], *placed.orientation
+    return _default(model, scene, open_loops, base, stands=len(placed.position) == 2)
 
 
 def reset_time(scene: CompiledScene, state: ArrayLike) -> np.ndarray:

@@ -282,3 +282,24 @@ def test_wrong_loops_of_a_scene_are_refused():
     grip = Loop("grip", "weld", *(f"{name}/{arm.links[-1].name}" for name in ("one", "other")))
     with pytest.raises(ValueError, match=r"scene: integrator 'simtwo'.*'grip'"):
         compile_scene([Placed(arm, "one"), Placed(arm, "other")], "standard", integrator="simtwo", loops=[grip])
+
+
+TIED = """<mujoco><worldbody><body name="a" pos="0.3 0 1" euler="0 0 30"><freejoint/><geom size=".1" mass="1"/>
+<body name="b" pos=".2 0 0"><joint axis="0 1 0"/><geom size=".05" pos=".1 0 0" mass="1"/></body></body></worldbody>
+<equality>{tie}</equality></mujoco>"""
+TIES = ('<connect body1="a" anchor="0 0 .1"/>', '<weld body1="a"/>', '<connect body1="b" anchor=".2 0 0"/>')
+
+
+@pytest.mark.parametrize("tie", TIES)
+def test_a_body_tied_to_the_world_starts_where_its_file_puts_it(tie, tmp_path):
+    """There nothing has to move: MuJoCo's gap is 0 too.  A robot alone moves from the origin to its tie."""
+    path = tmp_path / "tied.xml"
+    path.write_text(TIED.format(tie=tie))
+    scene = compile_scene(load_scene(path))
+    state = initial_state(scene)
+    at = [0.3, 0.0, 1.0, math.cos(math.pi / 12.0), 0.0, 0.0, math.sin(math.pi / 12.0)]
+    np.testing.assert_allclose(scene.state_view(state).base_q, at, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(scene.state_view(state).q, [0.0])
+    assert np.abs(gaps_and_speeds(scene, state)[0]).max() < 1e-9
+    alone = compile_scene(load_robot(path))
+    assert np.abs(gaps_and_speeds(alone, initial_state(alone))[0]).max() < 1e-9
