@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
@@ -63,15 +64,16 @@ class MeshFinder:
                 yield from sorted(Path(entry.path) for entry in os.scandir(folder) if entry.is_dir())
 
 
-def read_shapes(link: Element, meshes: MeshFinder, report: Report) -> Iterator[Shape]:
-    """Read the shapes of a link.
+def read_shapes(link: Element, meshes: MeshFinder, frictions: Mapping[Any, float], report: Report) -> Iterator[Shape]:
+    """Read the shapes of a link; frictions: by <collision>, or by the name of a link.
 
     A wrong one is reported and left out, since it has no effect until something touches.
     """
     what = label(link)
     for element in link.iterfind("collision"):
         try:
-            yield shape_of(element, link.get("name", "?"), what, meshes, report)
+            shape = shape_of(element, link.get("name", "?"), what, meshes, report)
+            yield replace(shape, friction=frictions.get(element, frictions.get(shape.link)))
         except ValueError as error:
             found = str(error).removeprefix(f"{what}: ")
             report.assume(element, what, found, "the shape was left out", "or remove the shape")

@@ -1,13 +1,14 @@
-"""Read what a URDF says about the motion in <gazebo>: springs of joints, and what is doubtful.
+"""Read what a URDF says about the motion in <gazebo>: springs of joints, friction of links, and what is doubtful.
 
 Of `<gazebo reference="JOINT">` the elements springStiffness and springReference are read, as Gazebo's converter to SDF
 does: the last one counts, its value is text or the attribute `value`.  How Gazebo integrates a spring
-(implicitSpringDamper, cfmDamping) does not change its law.
+(implicitSpringDamper, cfmDamping) does not change its law.  Of `<gazebo reference="LINK">` mu1 is the friction of its
+shapes; a mu2 that differs, across, is reported.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 from .markup import number
@@ -15,12 +16,24 @@ from .report import Report
 
 FIELDS = {"springStiffness": "stiffness", "springReference": "spring_reference"}  # of Joint
 LAWLESS = ("implicitSpringDamper", "cfmDamping")  # of numerics
-GRAVITY = {"turnGravityOff": ("1", "true", "yes"), "gravity": ("0", "false", "no")}  # and what switches it off
+YES = ("1", "true", "yes")
+GRAVITY = {"turnGravityOff": YES, "gravity": ("0", "false", "no")}  # and what switches it off
+FRICTION = ("mu1", "mu2")
 SPRINGS = ("spring_stiffness", "spring_reference", "spring_constant", *FIELDS)
 
 
-def read_gazebo(root: Element, report: Report) -> dict[str, dict[str, Any]]:
-    """Read stiffness and reference of the joints' springs, by joint; elements that are understood are removed."""
+class Gazebo(NamedTuple):
+    """What Gazebo adds to joints and links."""
+
+    joints: dict[str, dict[str, Any]]  # fields of Joint, by joint
+    frictions: dict[str, float]  # by link
+
+
+def read_gazebo(root: Element, report: Report) -> Gazebo:
+    """Read the joints' springs and the links' friction; the elements are removed."""
+    links = {link.get("name", "") for link in root.iterfind("link")}
+    slip: dict[str, dict[str, float]] = {}
+    skipped: dict[str, None] = {}
     joints = {joint.get("name", "") for joint in root.iterfind("joint") if joint.get("type") != "fixed"}
     read: dict[str, dict[str, Any]] = {}
     for gazebo in root.findall("gazebo"):
@@ -35,13 +48,20 @@ def read_gazebo(root: Element, report: Report) -> dict[str, dict[str, Any]]:
                     read.setdefault(name, {})["damping"] = _value(child, f"{what} <damping>")
                     found, taken = "<damping>, which Gazebo does not read there", "taken for that of <dynamics>"
                     report.assume(gazebo, what, found, taken, "write it as <dynamics damping=...> of the joint")
+            elif name in links and child.tag in FRICTION:
+                with report.blaming(gazebo):
+                    slip.setdefault(name, {})[child.tag] = _value(child, f"{what} <{child.tag}>")
             elif not (name in joints and child.tag in LAWLESS):
                 _doubt(gazebo, child, what, report)
-                continue
-            gazebo.remove(child)
-        if name in joints and not len(gazebo):
-            root.remove(gazebo)
-    return read
+                skipped[f"<{child.tag}>"] = None
+        mu = slip.get(name, {})
+        if len({*mu.values()}) == 2:
+            found = f"<mu1> {mu['mu1']} and <mu2> {mu['mu2']} differ"
+            report.assume(gazebo, what, found, "the first in all directions", "give both the same number")
+        root.remove(gazebo)
+    if skipped:
+        report.remark(f"skipped <gazebo>, another simulator's settings: {', '.join(skipped)}")
+    return Gazebo(read, {name: mu.get("mu1", next(iter(mu.values()))) for name, mu in slip.items() if mu})
 
 
 def _value(child: Element, what: str) -> float:
@@ -65,5 +85,11 @@ def _doubt(gazebo: Element, child: Element, what: str, report: Report) -> None:
         report.assume(gazebo, what, f"<{child.tag}> switches gravity off in Gazebo", "gravity acts", remedy)
     elif child.tag == "dampingFactor" and said not in ("", "0", "0.0"):
         report.assume(gazebo, what, f"<dampingFactor> {said[:40]}", "ignored", "use <dynamics damping=...> of joints")
+    elif child.tag == "static" and said in YES:
+        report.assume(
+            gazebo, what, "<static>: nothing moves in Gazebo", "it moves", 'fix it with base="fixed" and locked'
+        )
+    elif child.tag in FRICTION:
+        report.assume(gazebo, what, f"<{child.tag}> of no link", "ignored", "correct the reference, or remove it")
     elif child.tag in ("joint", "link"):
         report.assume(gazebo, what, f"<{child.tag}> of SDF", "ignored", "write it as URDF, outside of <gazebo>")

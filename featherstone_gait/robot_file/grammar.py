@@ -24,13 +24,24 @@ class _Grammar(NamedTuple):
     required: str = ""  # attributes
     optional: str = ""
     needs: str = ""  # children, exactly one of each
-    reads: str = ""  # children, at most one of each (any number below <robot>, and of <collision>)
+    reads: str = ""  # children, at most one of each but of `_MANY`
 
 
 _URDF = {
     "robot": _Grammar(optional="name version", reads="link joint"),
     "link": _Grammar(required="name", optional="type", reads="inertial collision"),
     "inertial": _Grammar(needs="mass inertia", reads="origin"),
+    "collision": _Grammar(optional="name group", reads="origin geometry material"),
+    "visual": _Grammar(optional="name", reads="origin geometry material"),
+    "geometry": _Grammar(reads="box sphere cylinder capsule mesh"),
+    "box": _Grammar(optional="size"),  # a shape without its size is left out by its reader
+    "sphere": _Grammar(optional="radius"),
+    "cylinder": _Grammar(optional="radius length"),
+    "capsule": _Grammar(optional="radius length"),
+    "mesh": _Grammar(optional="filename scale"),
+    "material": _Grammar(optional="name", reads="color texture"),
+    "color": _Grammar(optional="rgba"),
+    "texture": _Grammar(optional="filename"),
     "mass": _Grammar(required="value"),
     "inertia": _Grammar(required="ixx iyy izz", optional="ixy ixz iyz"),
     "origin": _Grammar(optional="xyz rpy"),
@@ -48,7 +59,6 @@ _SKIPPED = {
     "robot": {
         "material": "colors do not affect the simulation",
         "transmission": "servos and gearboxes come from the TOML file",
-        "gazebo": "another simulator's settings",
         "mujoco": "another simulator's settings",
         "ros2_control": "controllers come from the TOML file",
     },
@@ -57,8 +67,9 @@ _SKIPPED = {
         "calibration": "encoders start calibrated",
         "safety_controller": "controllers come from the TOML file",
     },
+    "collision": {"verbose": "it names a shape"},
 }
-_READ_ELSEWHERE = ("collision",)
+_MANY = {"robot": ("link", "joint"), "link": ("collision",)}  # children of which there may be several
 _EMPTY_IS_ABSENT = ("inertial", "axis")
 _MEANINGFUL = {("origin", "quat_xyzw"): "write the rotation as rpy, and remove it"}
 
@@ -82,7 +93,7 @@ def tidy(element: Element, what: str, report: Report) -> None:
     _tidy_attributes(element, what, report)
     _tidy_children(element, what, report)
     for child in element:
-        if element.tag != "robot" and child.tag not in _READ_ELSEWHERE:
+        if element.tag != "robot":
             tidy(child, label(child, what), report)
 
 
@@ -118,7 +129,7 @@ def _tidy_children(element: Element, what: str, report: Report) -> None:
     grammar, skipped = _URDF[element.tag], _SKIPPED.get(element.tag, {})
     legal = f"{grammar.needs} {grammar.reads}".split()
     tags = [child.tag for child in element]
-    many = legal if element.tag == "robot" else _READ_ELSEWHERE
+    many = _MANY.get(element.tag, ())
     seen: Counter[str] = Counter()
     for child in list(element):
         if child.tag in skipped:

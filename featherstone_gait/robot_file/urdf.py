@@ -17,6 +17,7 @@ from ..model.checks import check_angles
 from ..model.mass_checks import DEFINITE_TOLERANCE
 from ..model.rigid_bodies import inertia_tuple, turned_inertia
 from .collision import MeshFinder, read_shapes
+from .dialects import read_frictions, read_rotors
 from .gazebo import read_gazebo
 from .grammar import label, tidy
 from .markup import Vector, number, number_or_inf, vector
@@ -45,14 +46,16 @@ def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, rep
         raise ValueError(f"root element is <{root.tag}>; expected <robot>, or <mujoco> of MJCF: convert the file")
     if len(root.findall("link")) > MAX_LINKS:
         raise ValueError(f"has {len(root.findall('link'))} links; at most {MAX_LINKS} are read: reduce them")
-    springs = read_gazebo(root, report)
+    gazebo, rotors = read_gazebo(root, report), read_rotors(root, report)
+    more = {name: {**gazebo.joints.get(name, {}), **rotors.get(name, {})} for name in {**gazebo.joints, **rotors}}
+    frictions = {**gazebo.frictions, **read_frictions(root, report)}
     tidy(root, label(root), report)
     if "name" not in root.attrib:
         report.assume(root, "<robot>", "attribute 'name' is missing", f"called {path.stem!r}", "add it")
     links = tuple(_link(element, report, repair_inertia) for element in root.iterfind("link"))
-    shapes = [shape for element in root.iterfind("link") for shape in read_shapes(element, meshes, report)]
+    shapes = [shape for element in root.iterfind("link") for shape in read_shapes(element, meshes, frictions, report)]
     floating = _base_joints(root, links)
-    joints = tuple(_joint(element, springs, report) for element in root.iterfind("joint") if element not in floating)
+    joints = tuple(_joint(element, more, report) for element in root.iterfind("joint") if element not in floating)
     if floating:
         links = _without_world(links, floating, report)
     return Robot(
@@ -75,12 +78,12 @@ def _link(element: Element, report: Report, repair_inertia: bool) -> Link:
     return link
 
 
-def _joint(element: Element, springs: Mapping[str, dict[str, Any]], report: Report) -> Joint:
+def _joint(element: Element, more: Mapping[str, dict[str, Any]], report: Report) -> Joint:
     """Read a joint; if anything is wrong with it, return a fixed one of its name between the same links."""
 
     def read(element: Element, what: str, report: Report) -> Joint:
         joint = _moving_joint(element, what, report)
-        return joint if joint.type == "fixed" else replace(joint, **springs.get(joint.name, {}))
+        return joint if joint.type == "fixed" else replace(joint, **more.get(joint.name, {}))
 
     joint = _sound(element, report, read)
     if joint is None:

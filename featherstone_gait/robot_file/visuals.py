@@ -17,12 +17,12 @@ from ..geometry.mesh import Color
 from ..model import Model
 from ..model.shapes import Geometry
 from .collision import MeshFinder, shape_of
-from .grammar import label
+from .grammar import label, tidy
 from .markup import Markup, read_markup
 from .mjcf.read import compiled
 from .mjcf.sizes import documents_of
 from .mjcf.tree import ELLIPSOID, MESH, geometry_of, names_of
-from .report import Report
+from .report import Report, RobotFileError
 
 SHOWN = 3  # groups 0, 1 and 2 are shown by default; collision geoms beside visual ones have 3 or more
 GREY = (0.5, 0.5, 0.5, 1.0)  # a geom's rgba where the file says nothing
@@ -109,7 +109,7 @@ def _color(m: Any, g: int) -> tuple[Color | None, float]:
 
 
 def _of_urdf(path: Path, markup: Markup, model: Model) -> Visuals:
-    report, meshes = Report(markup.lines), MeshFinder(path, model.package_dirs)
+    report, meshes = Report(markup.lines, strict=True), MeshFinder(path, model.package_dirs)
     named = {m.get("name", ""): _rgba(m) for m in markup.root.iterfind("material")}
     links = {link.name for link in model.links}
     seen: dict[str, list[Visual]] = {}
@@ -117,6 +117,7 @@ def _of_urdf(path: Path, markup: Markup, model: Model) -> Visuals:
     for element in markup.root.iterfind("link"):
         name = element.get("name", "")
         for visual in element.iterfind("visual") if name in links else ():
+            tidy(visual, f"{label(element)} <visual>", report)
             try:
                 shape = shape_of(visual, name, label(element), meshes, report)
             except ValueError as error:
@@ -127,6 +128,10 @@ def _of_urdf(path: Path, markup: Markup, model: Model) -> Visuals:
             color, opacity = painted or (None, 1.0)
             placed = (rotation_from_rpy(shape.rpy), np.array(shape.xyz))
             seen.setdefault(name, []).append(Visual(shape.geometry, *placed, color, opacity))
+    try:
+        report.raise_problems(path)
+    except RobotFileError as error:
+        notes += error.problems
     return Visuals(seen, notes)
 
 
