@@ -24,11 +24,13 @@ from ..dynamics import Poses, forward_kinematics
 from ..model import ContactPoint, Model, depth_first
 from ..model.rest_posture import nearest_posture, standing_keyframe
 from ..model.shapes import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
-from .hull import Corners, corners_of, hull_indices
+from .hull import MOST, Corners, corners_of, hull_indices
 from .mesh import mesh_corners, mesh_hull
 
 Choice: TypeAlias = str | Sequence[str]  # "all", "feet" or names of links
 
+COARSE = 0.01  # of a shape's size, by which its hull may reach beyond its corners without a warning
+THINNED = f"took hulls and meshes as {MOST} of their corners"
 FOOT = 0.1  # of the robot's height
 LEVEL = 1e-3  # of the robot's height, within which of the lowest contact point others carry the robot too
 SOLE = 0.5  # of a foot's shape: the lower part whose corners are kept
@@ -50,7 +52,7 @@ def with_contacts(model: Model, choice: Choice) -> Model:
     -------
     Model
         The robot with these contact points; a note names feet that may have been chosen in a posture in which the robot
-        does not stand.
+        does not stand, and meshes of which too few corners are left.
 
     Raises
     ------
@@ -69,7 +71,9 @@ def with_contacts(model: Model, choice: Choice) -> Model:
     if isinstance(choice, str):
         if choice not in ("all", "feet"):
             raise ValueError(f"contacts is {choice!r}; expected 'all', 'feet' or a list of links: write [{choice!r}]")
-        points, doubts = _sole_points(model) if choice == "feet" else (contact_points(model.shapes), ())
+        points, doubts = (
+            _sole_points(model) if choice == "feet" else (contact_points(model.shapes), thinned(model.shapes))
+        )
         return replace(model, contacts=_carrying(model, points), notes=(*model.notes, *doubts))
     choice = texts("contacts", choice, "expected 'all', 'feet' or a list of links")
     shaped = list(dict.fromkeys(shape.link for shape in model.shapes))
@@ -83,8 +87,8 @@ def with_contacts(model: Model, choice: Choice) -> Model:
                 f"{model.name}: contacts: link {name!r} has no collision shape; use some of {', '.join(shaped)}, or "
                 "add one to it"
             )
-    points = contact_points(shape for shape in model.shapes if shape.link in choice)
-    return replace(model, contacts=_carrying(model, points))
+    own = [shape for shape in model.shapes if shape.link in choice]
+    return replace(model, contacts=_carrying(model, contact_points(own)), notes=(*model.notes, *thinned(own)))
 
 
 def contact_points(shapes: Iterable[Shape]) -> tuple[ContactPoint, ...]:
@@ -119,6 +123,18 @@ def contact_points(shapes: Iterable[Shape]) -> tuple[ContactPoint, ...]:
 def corner_error(shape: Shape) -> float:
     """Return how far the hull of a shape reaches beyond its thinned corners, at most [m]; 0 except for large hulls."""
     return _thinned(shape.geometry).error if isinstance(shape.geometry, Hull | Mesh) else 0.0
+
+
+def thinned(shapes: Iterable[Shape]) -> list[str]:
+    """Return what to say of hulls and meshes whose thinned corners miss more than `COARSE` of their size."""
+    found: dict[tuple[str, float], None] = {}
+    for shape in shapes:
+        off = corner_error(shape)
+        if off > 0.0 and off > COARSE * float(np.ptp(local_corners(shape), axis=0).max()):
+            found[shape.name or f"of link {shape.link}", off] = None
+    each = ", ".join(f"{name!r} {off:.3g} m" for name, off in sorted(found, key=lambda one: (-one[1], one[0])))
+    remedy = "write spheres, capsules, cylinders or boxes for what must roll or be closer"
+    return [f"{THINNED}, by which the rest reaches beyond them: {each}; {remedy}"] if found else []
 
 
 def _points(shape: Shape) -> list[ContactPoint]:

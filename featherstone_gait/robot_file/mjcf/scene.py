@@ -20,6 +20,7 @@ import numpy as np
 from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
+from ...geometry.contact_choice import thinned
 from ...model import Controller, Fluid, Ground, Joint, Loop, Servo, Surface
 from ...model.pair_contact import GROUND, NONE, PairContact, PairWord
 from ...model.pair_friction import PairFriction
@@ -55,6 +56,7 @@ from .tree import (
     FRICTIONS,
     GEOMS,
     HFIELD,
+    MESH,
     PAIRS,
     PLANE,
     Tree,
@@ -366,7 +368,8 @@ def _solids(
         surface = surface_of(m, g, names[g])
         name = names[g].removeprefix(f"{prefixes.get(int(m.body_rootid[m.geom_bodyid[g]]), '')}{SEPARATOR}")
         shapes[g] = Shape(OBSTACLE, geometry, vector(at), rpy, name, *numbers, surface, priority)
-    for sentence in rounded(m, shapes, names):
+    meshes = (replace(shape, name=names[g]) for g, shape in shapes.items() if m.geom_type[g] == MESH)
+    for sentence in (*rounded(m, shapes, names), *thinned(meshes)):
         report.doubt(sentence)
     if walls:
         report.doubt(
