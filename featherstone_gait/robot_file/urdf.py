@@ -48,7 +48,7 @@ def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, rep
         raise ValueError(f"has {len(root.findall('link'))} links; at most {MAX_LINKS} are read: reduce them")
     gazebo, rotors = read_gazebo(root, report), read_rotors(root, report)
     more = {name: {**gazebo.joints.get(name, {}), **rotors.get(name, {})} for name in {**gazebo.joints, **rotors}}
-    frictions = {**gazebo.frictions, **read_frictions(root, report)}
+    frictions: dict[Any, float] = {**gazebo.frictions, **read_frictions(root, report)}
     tidy(root, label(root), report)
     if "name" not in root.attrib:
         report.assume(root, "<robot>", "attribute 'name' is missing", f"called {path.stem!r}", "add it")

@@ -793,3 +793,26 @@ def test_the_remedy_for_feet_that_are_not_found_works(tmp_path):
     with pytest.raises(RobotFileError, match="give contacts='all'"):
         load_robot(written(tmp_path, SLIDE), contacts="feet")
     assert len(load_robot(tmp_path / "scene.xml", contacts="all").contacts) == 1
+
+
+FIELD = """<mujoco><asset><hfield name="h" nrow="2" ncol="3" size="1 0.5 1 .1"/></asset><worldbody>
+<geom name="land" type="hfield" hfield="h" pos="0.5 0 0"/><body name="a" pos="{at}"><freejoint/><geom size=".1"/></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("at", ["1.49 0 .15", "-0.49 -0.49 .15"])
+def test_the_edge_of_a_height_field_is_noted(at, tmp_path):
+    path = tmp_path / "field.xml"
+    path.write_text(FIELD.format(at=at))
+    assert any("x -0.5 to 1.5 m, y -0.5 to 0.5 m" in note for note in load_scene(path, strict=True).notes)
+
+
+@pytest.mark.parametrize("at", ["1.51 0 .15", "0 0.51 .15"])
+def test_a_body_that_starts_beyond_a_height_field_is_warned_of(at, tmp_path):
+    path = tmp_path / "field.xml"
+    path.write_text(FIELD.format(at=at))
+    with pytest.warns(RobotFileWarning, match=r"'land'.*'a' start there"):
+        load_scene(path)
+    with pytest.raises(RobotFileError, match=r"'land'.*'a' start there"):
+        load_scene(path, strict=True)

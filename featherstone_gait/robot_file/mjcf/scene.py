@@ -22,6 +22,7 @@ from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ...geometry.contact_choice import thinned
 from ...model import Controller, Fluid, Ground, Joint, Loop, Servo, Surface
+from ...model.ground import HeightField
 from ...model.pair_contact import GROUND, NONE, PairContact, PairWord
 from ...model.pair_friction import PairFriction
 from ...model.placed import SEPARATOR, link_name
@@ -145,6 +146,8 @@ def read_scene(path: Path, report: Report) -> Content:
     written = any(text.get("name") == FRICTIONS for root in documents.values() for text in root.iter("text"))
     floor = _floor(m, report, written)
     ground = None if floor is None else _ground(m, floor)
+    if floor is not None and ground is not None and ground.field is not None:
+        _note_edge(m, floor, ground.field, [bodies[top] for top in moving if _is_beyond(m, top, ground.field)], report)
     stated = any("friction" in pair.attrib for root in documents.values() for pair in root.iter("pair"))
     pairs, unranked = _pairs(documents.values()), own_frictions(documents.values())
     prefixes = _prefixes(m)
@@ -427,6 +430,25 @@ def _in_world(m: Any, g: int) -> tuple[np.ndarray, np.ndarray]:
         turn = rotation_from_quaternion(m.body_quat[b])
         E, r, b = product(turn, E), m.body_pos[b] + applied(turn, r), int(m.body_parentid[b])
     return E, r
+
+
+def _is_beyond(m: Any, top: int, field: HeightField) -> bool:
+    """Return whether a body of the world starts beyond the edge of a height field."""
+    spans = ((n - 1) * d for n, d in zip(field.heights.shape, field.spacing))
+    return any(not 0.0 <= float(x) - low <= span for x, low, span in zip(m.body_pos[top], field.origin, spans))
+
+
+def _note_edge(m: Any, g: int, field: HeightField, beyond: list[str], report: Report) -> None:
+    """Report that the ground goes on beyond the edge of a height field; it is a doubt if bodies start there."""
+    (x, y), (a, b) = field.origin, ((n - 1) * d for n, d in zip(field.heights.shape, field.spacing))
+    text = (
+        f"height field {m.geom(g).name or f'geom{g}'!r} is the ground, which goes on level beyond its edge "
+        f"(x {x:.6g} to {x + a:.6g} m, y {y:.6g} to {y + b:.6g} m), where MuJoCo has nothing"
+    )
+    if beyond:
+        report.doubt(f"{text}; bodies {quoted(beyond)} start there: place them within it, or make it larger")
+    else:
+        report.remark(text)
 
 
 def _ground(m: Any, g: int) -> Ground:
