@@ -150,9 +150,9 @@ def read_actuators(
         by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
     remarks = [f"{one}: {quoted(left.pop(one))}" for one in (OWN_FORCE, FREE_FORCE) if one in left]
     doubts = [f"{one}: {quoted(names)}" for one, names in left.items() if not one.startswith((RANGED, FREE_TORQUE))]
-    for head in (RANGED, FREE_TORQUE):
+    for head, said in ((RANGED, doubts), (FREE_TORQUE, remarks)):
         ranges = [f"{one.removeprefix(head)} of {quoted(names)}" for one, names in left.items() if one.startswith(head)]
-        doubts += [f"{head}{'; '.join(ranges)}"] if ranges else []
+        said += [f"{head}{'; '.join(ranges)}"] if ranges else []
     torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
     if len(torques) not in (0, len(servos)):
         remarks.append(
