@@ -160,6 +160,12 @@ def objects(rng: np.random.Generator) -> Iterator[Case]:
     yield scene_of("three boxes fall", boxes, ground, duration=0.3)
     rod = on_side(free(Capsule(0.03, 0.3), "rod", (0.0, 0.0, 0.25), u(0.5, 2.0)))
     yield scene_of("a rod falls across a box", [rod, free(CUBE, "box", (u(-0.02, 0.02), 0.03, 0.0498))], ground)
+    yield from carried_and_rolling(rng)
+
+
+def carried_and_rolling(rng: np.random.Generator) -> Iterator[Case]:
+    """Yield free bodies that carry, roll, spin and fall across edges."""
+    u, ball, ground = rng.uniform, Sphere(RADIUS), [floor()]
     plank = free(Box((0.8, 0.15, 0.02)), "plank", (0.0, 0.0, 0.1097), u(1.0, 3.0))
     roll = on_side(fixed(Cylinder(0.1, 0.5), "roll", (0.0, 0.0, 0.0)))
     ends = [free(ball, f"ball{k}", (0.3 * side, 0.0, 0.18 + u(0.0, 0.05)), u(0.2, 1.0)) for k, side in
@@ -261,6 +267,15 @@ def trees(rng: np.random.Generator) -> Iterator[Case]:
     box = free(CUBE, "box", (-0.05, 0.0, 0.0499), u(0.2, 1.0))
     low = replace(chain, position=(0.0, 0.0, 0.4))
     yield scene_of("a chain of balls swings at a box", [low, box, rest], ground, None, tilt, duration=0.35, **how)
+    yield from machines(rng, box)
+
+
+def machines(rng: np.random.Generator, box: Placed) -> Iterator[Case]:
+    """Yield jointed robots that carry, drive and throw; box: a free one."""
+    u, ball = rng.uniform, Sphere(RADIUS)
+    rest, ground = keeper(), [floor()]
+    how: dict[str, Any] = {"kind": "trees"}
+    bar, beside = Box((0.5, 0.04, 0.04)), free(ball, "beside", (0.0, 2.0, 1.0))
     stop: dict[str, Any] = {"kind": "revolute", "lower": -0.4, "upper": 0.4}
     bars = [jointed(f"bar{k}", bar, (0.0, 0.3 * k, 0.5), u(0.5, 2.0), (0.25, 0.0, 0.0), **stop) for k in range(2)]
     on = free(ball, "ball", (0.4, 0.0, 0.6), u(0.2, 1.0))

@@ -276,7 +276,7 @@ class Mobility(NamedTuple):
     def largest(self, acting: np.ndarray) -> float:
         """Return the largest eigenvalue of its product with dampers or springs (rows,)."""
         if len(self.left) > len(self.right):  # the same, of the factors in the other order
-            return max(np.linalg.eigvals((self.right * acting) @ self.left).real, default=0.0)
+            return max(np.linalg.eigvals(product(self.right * acting, self.left)).real, default=0.0)
         root = np.sqrt(np.maximum(acting, 0.0))  # a symmetric matrix of the same eigenvalues takes a tenth of the time
         return max(np.linalg.eigvalsh(product(self.left, self.right) * root * root[:, None]), default=0.0)
 

@@ -122,6 +122,12 @@ class Solids(NamedTuple):
         return found
 
 
+def _nothing_moves(m: Any) -> str:
+    still = f"its {m.ngeom} geoms are ground and obstacles alone" if m.ngeom else "it is empty"
+    remedy = 'add what moves among them: <body><freejoint/><geom size="0.1"/></body>, or a <joint> to a body'
+    return f"nothing in the file can move, {still}; a scene has one member or more: {remedy}"
+
+
 @np.errstate(all="ignore")  # Link, Joint and the like refuse what is not finite
 def read_scene(path: Path, report: Report) -> Content:
     """Read all trees of an MJCF file.
@@ -136,9 +142,7 @@ def read_scene(path: Path, report: Report) -> Content:
     for problem in (*refusals(m, everything), *_between_trees(m, mimics, joints)):
         report.refuse(None, problem)
     if not moving:
-        still = f"its {m.ngeom} geoms are ground and obstacles alone" if m.ngeom else "it is empty"
-        remedy = 'add what moves among them: <body><freejoint/><geom size="0.1"/></body>, or a <joint> to a body'
-        report.refuse(None, f"nothing in the file can move, {still}; a scene has one member or more: {remedy}")
+        report.refuse(None, _nothing_moves(m))
     for sentence in (*doubts(m, everything), *_switched_off(m)):
         report.doubt(sentence)
     report.raise_problems(path)
