@@ -58,7 +58,8 @@ def run(package, *, program=PROGRAM, **environment):
     done = subprocess.run(command, cwd=package, env=clean | environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     for line in done.stderr.splitlines():
-        warnings.warn(line, stacklevel=2)
+        if not line.startswith("compiling "):
+            warnings.warn(line, stacklevel=2)
     result, hits, misses, folder = done.stdout.split()
     return result, int(hits), int(misses), Path(folder)
 

@@ -453,7 +453,7 @@ def test_the_command_prints_a_table(gait_file, tmp_path, capsys, floors):
     options = ["--floors", ",".join(floors), "--soles", "spheres", "--strides", "1", "--timestep", "1e-3"]
     assert cli.main(["crosscheck", str(gait_file), "--out", str(tmp_path), *options]) == 0
     shown = capsys.readouterr()
-    assert shown.err == ""  # bars are for terminals
+    assert all(line.startswith("compiling ") for line in shown.err.splitlines()), shown.err  # bars are for terminals
     assert f"in MuJoCo it walks 1 strides on {len(floors)} of {len(floors)} floors" in shown.out
     table = json.loads((tmp_path / "humanoid_gait_crosscheck.json").read_text("utf-8"))
     assert [row["floor"] for row in table["floors"]] == floors
