@@ -9,13 +9,12 @@ without contact points touch the ground with their shapes.
 penetration), and Hunt and Crossley's damping d = 2 zeta / sqrt(g penetration), as points on the ground have (see
 contact.py).  m is the stated load, else all that may come to rest on the pair: the mass of its trees and of all that
 these can touch directly or through others, without roots that are fixed.  N is 1 for spheres, 2 for capsules, 4 else.
-The ground bears each tree by its own mass and twice that of all that may lie on it where all start, since that may lie
-over one corner: of what is near it and ends higher below, directly or through others; of a tree on which something
-lies, the stated load.  Pairs that bear others there have half of the points, for the same reason, and where one of
-their two bodies is thin the penetration is a tenth of its thickness.  The tangential damping is that of the reduced
-mass of the two.  The coefficients of friction are those that the scene states of the two shapes, else follow from
-theirs (see model/pair_friction.py).  On the ground a shape has the numbers that a point of its link would have, for the
-weight of its own tree.
+The ground bears each tree by its own mass and that of all that may lie on it where all start: of what is near it and
+ends higher below, directly or through others; of a tree on which something lies, the stated load.  Of two bodies that
+bear others there, and of which one is thin, the penetration is a tenth of its thickness.
+The tangential damping is that of the reduced mass of the two.  The coefficients of friction are those that the scene
+states of the two shapes, else follow from theirs (see model/pair_friction.py).  On the ground a shape has the numbers
+that a point of its link would have, for the weight of its own tree.
 """
 
 from __future__ import annotations
@@ -59,7 +58,6 @@ LEAST_POINTS = 32  # of the pool
 WIDE, UNDER = 100.0, 1.0  # of the treads of steps, how far they reach from the origin, and below the lowest one [m]
 ACROSS = 0.5  # cosine of the angle to the vertical, beyond which what divides two bodies stands between them
 THIN = 0.1  # of its thickness, that a thin body is pressed in where others lie on it at the start
-OFF_MIDDLE = 2.0  # even shares that a point bears of what lies on a body: four over one corner sink it by two depths
 NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
 NOTABLE_EXCESS = 1.05  # ratio of the volumes of a mesh's hull and of the mesh above which a note gives it
 MANY_PAIRS, MOST_PAIRS = 300_000, 5_000_000  # of shapes, above which a warning tells so, and which are refused
@@ -174,8 +172,8 @@ def build_pairs(
     pairs = Pairs(shapes, table, bodies, own_rows, reach, outside, radius, room, margin, turning, surfaces)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
     own = np.array(moving_masses(tree))
-    stated = option.load is not None
-    above = np.where(above > 0.0, np.maximum(option.load - own, 0.0), 0.0) if stated else OFF_MIDDLE * above
+    if option.load is not None:
+        above = np.where(above > 0.0, np.maximum(option.load - own, 0.0), 0.0)
     loads = 1.0 + above / np.maximum(own, LIGHTEST) if above.any() else None
     return Touching(pairs, names, (*parts.notes, *_concave(solids)), loads), tree
 
@@ -486,7 +484,6 @@ def _fill_law(
     thinner = np.minimum(half[table.a], half[table.b])
     if option.load is None:
         depth = np.where(bears, np.minimum(depth, np.maximum(2.0 * THIN * thinner, THIN * depth)), depth)
-        points = np.where(bears, np.maximum(points / OFF_MIDDLE, 1.0), points)
     if ground is not None:
         depth[on_ground], ratio[on_ground] = ground.penetration, ground.damping_ratio
     table.deepest = np.maximum(thinner, TWO_DEPTHS * depth)

@@ -57,10 +57,10 @@ def test_the_ground_bears_a_tree_and_all_that_lies_on_it(order):
     pile = stacked((size, 0.05), (size, 2.0), (size, 50.0))
     beside = placed(Box(size), 1.0, "beside", (0.12, 0.0, 0.05))
     scene = scene_of([*(pile[k] for k in order), beside])
-    for name, mass in (("b0", 104.05), ("b1", 102.0), ("b2", 50.0), ("beside", 1.0)):  # twice what lies on it
+    for name, mass in (("b0", 52.05), ("b1", 52.0), ("b2", 50.0), ("beside", 1.0)):
         assert borne(scene, name) == pytest.approx(mass, rel=1e-12), name
     limits = [limit.step for limit in scene.preflight.limits if limit.cause == "contact spring"]
-    lightest = 2.0 * np.sqrt(0.05 * scene.ground.penetration / (104.05 * scene.options.g))
+    lightest = 2.0 * np.sqrt(0.05 * scene.ground.penetration / (52.05 * scene.options.g))
     assert min(limits) <= lightest * (1.0 + 1e-12)
     assert scene.preflight.largest_explicit_step <= min(limits)
 
@@ -92,19 +92,6 @@ def test_nothing_sinks_by_more_than_twice_its_penetration(things, on_ground):
     assert (sunk > 0.0).all()
     assert sunk.max() < 2 * 5e-4
     assert max(np.abs(run[one.name]["base_qd"][-1]).max() for one in members) < 1e-4
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("on_ground", [True, False])
-@pytest.mark.parametrize("mass", [1.0, 10.0, 50.0])
-def test_a_corner_under_a_load_sinks_by_two_penetrations_at_most(mass, on_ground):
-    plate, weight = Box((0.4, 0.4, 0.05)), Box((0.05, 0.05, 0.05))
-    members = [placed(plate, 0.5, "plate", (0.0, 0.0, 0.025)), placed(weight, mass, "weight", (0.17, 0.17, 0.075))]
-    run = simulate(scene_of(members, on_ground), 0.6, record=("base_q",))
-    assert run.status == "ok"
-    end = run["plate"]["base_q"][-1]
-    tilt = 2.0 * np.linalg.norm(end[4:6])
-    assert 0.025 - end[2] + tilt * np.hypot(0.2, 0.2) < 2 * 5e-4
 
 
 @pytest.mark.long

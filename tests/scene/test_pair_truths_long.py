@@ -25,7 +25,7 @@ ALL = ("implicit_euler", "midpoint", "rk4", "ars343", "dop853", "extrapolation")
 @pytest.mark.parametrize("fixed", [True, False])
 @pytest.mark.parametrize("integrator", ALL)
 def test_a_ball_of_100_m_per_second_does_not_pass_a_plate_of_a_millimeter_unnoticed(integrator, fixed):
-    """It bounces, or the run says that it is wrong, also without its error: by the law it sinks in by 22 mm.
+    """It bounces, or the run says that it is wrong, also without its error: by the law it sinks in by 22 mm, too deep.
 
     rk4 and midpoint do not look to the end of a step, and move by more than what is there.
     """
@@ -36,7 +36,7 @@ def test_a_ball_of_100_m_per_second_does_not_pass_a_plate_of_a_millimeter_unnoti
     start = initial_state(scene, None, {"ball": [0.0, 0.0, -100.0, 0.0, 0.0, 0.0]})
     run = simulate(scene, 0.02, start, record=("base_q", "base_qd"), estimate_error=False)
     z = run.of("ball")["base_q"][:, 2]
-    assert (run.status == "not converged") == (integrator in ("rk4", "midpoint"))
+    assert run.status in ("too deep", "not converged" if integrator in ("rk4", "midpoint") else "ok")
     if run.status == "ok":
         assert z.min() > thick
         assert run.of("ball")["base_qd"][-1, 2] > -10.0
