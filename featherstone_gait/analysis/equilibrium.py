@@ -351,7 +351,7 @@ def _balanced(
         left = float(np.abs(total[:6]).max())
         way = step[:3] / max(1.0, abs(step[0]) / LONGEST, np.abs(step[1:3]).max() * scale[1] / LARGEST)
         f, before = f + step[3 : 3 + f.size].reshape(f.shape), q
-        for _ in range(HALVINGS):  # of a way that ends in the air, where nothing tells what is below
+        for _ in range(HALVINGS):  # of a way that ends in the air, where nothing is known of what is below
             q = _posed(scene, chart, before, (ways.T @ way)[:, None])[0]
             if _loads(scene, q[None]).depth[0, used].max() > 0.0:
                 break

@@ -328,14 +328,14 @@ def differentiated(
 
 def warn_of_doubts(found: Sequence[Gradient], threads: int | None = 1) -> bool:
     """Warn if gradients are doubtful, where the package was called; return whether any is."""
-    told = [text for text in _over_threads(lambda one: one.doubts, found, threads) if text]
-    if told:
-        more = f" ({len(told)} of {len(found)} gradients are doubtful)" * (len(found) > 1)
+    doubts = [text for text in _over_threads(lambda one: one.doubts, found, threads) if text]
+    if doubts:
+        more = f" ({len(doubts)} of {len(found)} gradients are doubtful)" * (len(found) > 1)
         package, frame, level = __name__.partition(".")[0], sys._getframe(), 1
         while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == package:
             frame, level = frame.f_back, level + 1
-        warnings.warn(told[0] + more, RuntimeWarning, stacklevel=level)
-    return bool(told)
+        warnings.warn(doubts[0] + more, RuntimeWarning, stacklevel=level)
+    return bool(doubts)
 
 
 class Doubter:
@@ -444,7 +444,7 @@ class RunObjective:
     """The cost of a run and its gradient as a function of one vector, for optimizers.
 
     The first doubtful gradient warns; it is looked for where a run has events of a kind or at a place that none before
-    has had, and `last` tells of any.
+    has had, and `last` names any.
 
     ``scipy.optimize.minimize(objective, x0, jac=True)`` takes it as it is.
 

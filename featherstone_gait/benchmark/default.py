@@ -62,7 +62,7 @@ class Outcome(NamedTuple):
     status: str
     end: float  # [s]
     estimate: np.ndarray  # of positions (samples,), NaN where the run has none
-    told: np.ndarray  # of all numbers (samples, nq + nv), the same
+    stated: np.ndarray  # of all numbers (samples, nq + nv), the same
     time: float  # CPU per simulated second [ms]
 
 
@@ -171,10 +171,10 @@ def outcome_of(case: Case, scene: CompiledScene) -> Outcome:
     """Run and time the scene."""
     result, time_ = timed(case, scene)
     status = f"{result.status}{', uncertain' if result.status == 'fell' and 'uncertain' in result.message else ''}"
-    q, qd, told = positions(result), velocities(result), np.full((len(result["time"]), 1), math.nan)
+    q, qd, stated = positions(result), velocities(result), np.full((len(result["time"]), 1), math.nan)
     if result.error:
-        told = np.hstack([positions(result.error), velocities(result.error)])
-    return Outcome(q, qd, status, result.end_time, estimate_of(result), told, time_)
+        stated = np.hstack([positions(result.error), velocities(result.error)])
+    return Outcome(q, qd, status, result.end_time, estimate_of(result), stated, time_)
 
 
 def plain_time(case: Case) -> float:
@@ -215,14 +215,14 @@ def held(case: Case, exact: Truth, outcome: Outcome) -> dict[str, Any]:
     known, (nq, nv) = known_of(case, exact, outcome), (outcome.q.shape[1], outcome.qd.shape[1])
     own = np.repeat([exact.own_error, exact.own_speed_error], [nq, nv])
     true = np.abs(np.hstack([outcome.q - exact.q, outcome.qd - exact.qd])[:known]) - own
-    told = np.broadcast_to(outcome.told[:known], true.shape)
-    if not np.isfinite(told).all():
+    stated = np.broadcast_to(outcome.stated[:known], true.shape)
+    if not np.isfinite(stated).all():
         return {}
     bases = (nq - len(case.model.position_names)) // 7
     parts = np.split(np.arange(nq + nv), [7 * bases, nq, nq + 6 * bases])
-    largest: dict[str, Any] = {name: float(max(true[:, of].max(), 0.0) / max(told[:, of].max(), ROUNDING))
+    largest: dict[str, Any] = {name: float(max(true[:, of].max(), 0.0) / max(stated[:, of].max(), ROUNDING))
                for name, of in zip(CHANNELS, parts) if len(of)}  # fmt: skip
-    return largest | {"within": float((true <= told).mean())}
+    return largest | {"within": float((true <= stated).mean())}
 
 
 def is_right(status: str, exact: Truth) -> bool:

@@ -23,7 +23,7 @@ correlated over 50 ms left 95 % intervals that held in 60 to 85 of 100 trials.  
 number of independent samples.  An encoder step adds step^2 / 12 to the variance, as independent noise, if the joint
 moves over many steps or the noise is half a step or more; at rest under less noise it is a bias that no interval knows:
 record motions, not rests.  Intervals hold for a model that has the servo's physics; `prediction_error` on a recording
-left out tells whether it has.
+left out shows whether it has.
 """
 
 from __future__ import annotations

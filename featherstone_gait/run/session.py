@@ -512,7 +512,7 @@ class Session:
         return command
 
     def _look(self) -> None:
-        """Find with what forces and accelerations robots at their start begin, while they are told nothing."""
+        """Find with what forces and accelerations robots at their start begin, before the first command."""
         fleet = self._fleets[0]
         fleet.seen = None
         if not (self._any_fresh and any(len(one.late) for one in (*self._views, self._log))):

@@ -60,7 +60,7 @@ ACROSS = 0.5  # cosine of the angle to the vertical, beyond which what divides t
 THIN = 0.1  # of its thickness, that a thin body is pressed in where others lie on it at the start
 NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
 NOTABLE_EXCESS = 1.05  # ratio of the volumes of a mesh's hull and of the mesh above which a note gives it
-MANY_PAIRS, MOST_PAIRS = 300_000, 5_000_000  # of shapes, above which a warning tells so, and which are refused
+MANY_PAIRS, MOST_PAIRS = 300_000, 5_000_000  # of shapes, above which a warning says so, and which are refused
 PAIR_BYTES, PAIR_TIME = 700, 6e-6  # at most, of compiling each [B, s]
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
 

@@ -36,8 +36,8 @@ def uncompiled(base_q):
 def test_a_cost_that_indexes_two_bodies_wrongly_is_told_the_shapes(function, why):
     """With the line of the function that does, and without what Numba tried."""
     line = function.__code__.co_firstlineno + (function is not whole_axis)
-    told = rf'cost {function.__name__} \(File ".*test_users_function\.py", line {line}\): .*{why}.* base_q \(5, 2, 7\)'
-    with pytest.raises(ValueError, match=told) as raised:
+    text = rf'cost {function.__name__} \(File ".*test_users_function\.py", line {line}\): .*{why}.* base_q \(5, 2, 7\)'
+    with pytest.raises(ValueError, match=text) as raised:
         run_cost(function)(TWO)
     assert raised.value.__cause__ is None
     assert raised.value.__suppress_context__
@@ -54,6 +54,6 @@ def test_arguments_are_shown_by_their_shapes():
     def law(t, memory):
         return memory[3] + t
 
-    told = failure_of(law, {"t": 0.5, "memory": np.zeros(2)}, IndexError("index is out of bounds"))
-    assert "index 3 is out of bounds" in told
-    assert told.endswith("its arguments here: t a number, memory (2,)")
+    text = failure_of(law, {"t": 0.5, "memory": np.zeros(2)}, IndexError("index is out of bounds"))
+    assert "index 3 is out of bounds" in text
+    assert text.endswith("its arguments here: t a number, memory (2,)")

@@ -151,13 +151,13 @@ def test_errors_count_only_while_the_reference_is_known(wheel):
 
 
 def test_errors_are_held_against_those_that_the_run_states_less_those_of_the_reference(wheel):
-    q, told = np.zeros((51, 1)), np.tile([0.2, 0.5], (51, 1))
+    q, stated = np.zeros((51, 1)), np.tile([0.2, 0.5], (51, 1))
     exact = truth.Truth(q, np.zeros((51, 1)), "ok", 11, 0.01, 0.1)
     turned, turning = q.copy(), q.copy()
     turned[5], turned[20], turning[:] = 0.11, 9.0, 1.1
-    outcome = default.Outcome(turned, turning, "ok", 0.5, told[:, 0], told, 1.0)
+    outcome = default.Outcome(turned, turning, "ok", 0.5, stated[:, 0], stated, 1.0)
     assert default.held(wheel, exact, outcome) == pytest.approx({"q": 0.5, "qd": 2.0, "within": 0.5})
-    assert default.held(wheel, exact, outcome._replace(told=np.full((51, 1), math.nan))) == {}
+    assert default.held(wheel, exact, outcome._replace(stated=np.full((51, 1), math.nan))) == {}
 
 
 def test_a_run_is_within_what_it_states_if_all_its_channels_are():

@@ -1,4 +1,4 @@
-"""URDF states trees: where a file beside it, or names, tell of loops, a warning names their ends."""
+"""URDF states trees: where a file beside it, or names, state loops, a warning names their ends."""
 
 import warnings
 

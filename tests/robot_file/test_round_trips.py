@@ -1,12 +1,12 @@
 """What is saved comes back field by field, or the warning of the writer names it, and strict refuses."""
 
 import re
-import sysconfig
 import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import published
 import pytest
 from same_model import differences, same_places
 
@@ -41,18 +41,19 @@ from featherstone_gait import (
 )
 
 mujoco = pytest.importorskip("mujoco")
-SITE = Path(sysconfig.get_paths()["purelib"])
-SUITE = SITE / "dm_control" / "suite"
-URDFS = SITE / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
-BULLET = SITE / "pybullet_data"
 PUBLISHED = [
-    *(SUITE / f"{name}.xml" for name in ("acrobot", "cheetah", "fish", "humanoid", "manipulator", "swimmer", "walker")),
-    *(SUITE / f"{name}.xml" for name in ("ball_in_cup", "dog", "hopper", "quadruped", "stacker")),
-    *(URDFS / name for name in ("bolt_description/robots/bolt.urdf", "talos_data/robots/talos_reduced.urdf")),
-    *(URDFS / name for name in ("solo_description/robots/solo12.urdf", "ur_description/urdf/ur5_robot.urdf")),
-    *(URDFS / name for name in ("panda_description/urdf/panda.urdf", "so_arm_description/urdf/so101.urdf")),
-    *(BULLET / name for name in ("laikago/laikago.urdf", "quadruped/quadruped.urdf", "racecar/racecar.urdf")),
+    *(("dm_control", f"suite/{name}.xml") for name in ("acrobot", "cheetah", "fish", "humanoid", "manipulator", "dog")),
+    *(("dm_control", f"suite/{name}.xml") for name in ("ball_in_cup", "hopper", "quadruped", "stacker", "swimmer")),
+    ("dm_control", "suite/walker.xml"),
+    ("example-robot-data", "bolt_description/robots/bolt.urdf"),
+    ("example-robot-data", "panda_description/urdf/panda.urdf"),
+    ("example-robot-data", "so_arm_description/urdf/so101.urdf"),
+    ("example-robot-data", "solo_description/robots/solo12.urdf"),
+    ("example-robot-data", "talos_data/robots/talos_reduced.urdf"),
+    ("example-robot-data", "ur_description/urdf/ur5_robot.urdf"),
+    *(("pybullet_data", f"{name}.urdf") for name in ("laikago/laikago", "quadruped/quadruped", "racecar/racecar")),
 ]
+IDS = [f"{Path(name).suffix[1:]}-{Path(name).stem}" for _, name in PUBLISHED]
 QUICK = ("*acrobot", "*humanoid", "*manipulator", "*swimmer", "*bolt", "*solo12", "*so101")
 
 
@@ -105,11 +106,9 @@ def test_packaged_robots_come_back_or_the_warning_names_what_does_not(name, suff
 
 
 @pytest.mark.quick(*QUICK)
-@pytest.mark.parametrize("path", [pytest.param(path, id=f"{path.suffix[1:]}-{path.stem}") for path in PUBLISHED])
-def test_published_robots_come_back_or_the_warning_names_what_does_not(path, tmp_path):
-    if not path.exists():
-        pytest.skip(f"there is no {path}")
-    model = quiet(load_robot, path)
+@pytest.mark.parametrize(("package", "name"), PUBLISHED, ids=IDS)
+def test_published_robots_come_back_or_the_warning_names_what_does_not(package, name, tmp_path):
+    model = quiet(load_robot, published.folder(package) / name)
     said = saved(save_robot, model, tmp_path / "robot.xml")
     again = quiet(load_robot, tmp_path / "robot.xml")
     assert_named(model, again, said)
