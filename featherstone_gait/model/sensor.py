@@ -395,9 +395,10 @@ def check_sensors(
     links: but for the world; others: sensors that `SampledSensor`s may name beside these.
     """
     found = tuple(listed(f"{what}: sensors", sensors, "give a list of sensors"))
-    names, exact = set[str](), [one.name for one in (*others, *found) if not isinstance(one, SampledSensor)]
     for one in found:
         instance(f"{what}: sensors", one, (*get_args(Sensor), SampledSensor), "give sensors, such as RangeSensor(...)")
+    names, exact = set[str](), [one.name for one in (*others, *found) if not isinstance(one, SampledSensor)]
+    for one in found:
         inner = one.sensor if isinstance(one, SampledSensor) else one
         if isinstance(inner, str):
             if inner == "sole_forces" or inner not in (*RECORDABLE, *BUILT_IN, *exact):
