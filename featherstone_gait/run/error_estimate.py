@@ -231,6 +231,18 @@ def fastest(speeds: np.ndarray, by_body: bool | None) -> Any:
     return np.repeat(np.maximum(own, [SLOWEST, 1.0]).ravel(), 3)
 
 
+def _angles(run: Trajectory, name: str, errors: np.ndarray) -> np.ndarray:
+    """Return errors (samples, columns) with the angle [rad] in place of each number of a quaternion."""
+    if name == "base_q":
+        turns = [7 * k + 3 for k in range(errors.shape[1] // 7)]
+    else:
+        turns = [k for k, label in enumerate(run.info.get("positions", ())) if label.endswith(".qw")]
+    errors = errors.copy()
+    for k in turns:
+        errors[:, k : k + 4] = 2.0 * np.linalg.norm(errors[:, k : k + 4], axis=1, keepdims=True)
+    return errors
+
+
 def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray, Any, str]]:
     """Yield name, error (samples, columns), its limit and unit of the coordinates and energies that have an error.
 
@@ -240,12 +252,12 @@ def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[s
     """
     largest = LIMIT if "rtol" in run.info else FIXED_LIMIT
     slow = True if "rtol" in run.info and run.info.get("pairs") else None
-    for name, unit in (("q", "rad or m"), ("base_q", "m or -"), ("qd", "rad/s or m/s"), ("base_qd", "m/s or rad/s")):
+    for name, unit in (("q", "rad or m"), ("base_q", "m or rad"), ("qd", "rad/s or m/s"), ("base_qd", "m/s or rad/s")):
         if name in errors and errors[name].size:
-            limit = largest
+            limit, error = largest, errors[name].reshape(len(errors[name]), -1)
             if name.endswith("qd"):
                 limit = SPEED_LIMIT * largest * fastest(run[name], slow if name == "base_qd" else None)
-            yield name, errors[name].reshape(len(errors[name]), -1), limit, unit
+            yield name, error if name.endswith("qd") else _angles(run, name, error), limit, unit
     if "energy" in errors and errors["energy"].size:
         lasting = np.minimum.accumulate(errors["energy"][::-1])[::-1]
         limit = ENERGY_LIMIT * max(float(np.abs(run["energy"]).max()), LEAST_ENERGY)

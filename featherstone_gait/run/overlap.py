@@ -13,7 +13,7 @@ from ..core.effects.pair import Pairs
 from ..core.tree.distance import FIELD, Room, pair_distances
 from ..scene.compile import CompiledScene
 from ..scene.contact import half_thickness
-from ..scene.pairs import body_poses
+from ..scene.loads import body_poses
 from .start import checked_state, initial_state, positions_in
 from .trajectory import Trajectory
 

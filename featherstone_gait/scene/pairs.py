@@ -9,9 +9,9 @@ without contact points touch the ground with their shapes.
 penetration), and Hunt and Crossley's damping d = 2 zeta / sqrt(g penetration), as points on the ground have (see
 contact.py).  m is the stated load, else all that may come to rest on the pair: the mass of its trees and of all that
 these can touch directly or through others, without roots that are fixed.  N is 1 for spheres, 2 for capsules, 4 else.
-The ground bears each tree by its own mass and that of all that may lie on it where all start: of what is near it and
-ends higher below, directly or through others; of a tree on which something lies, the stated load.  Of two bodies that
-bear others there, and of which one is thin, the penetration is a tenth of its thickness.
+The ground bears each tree by its own mass and that of all that lies on it where all start (see loads.py); of a tree on
+which something lies, the stated load.  Where one of N points bears more than twice m g / N there, points are stiffer.
+Of two bodies that bear others there, and of which one is thin, the penetration is a tenth of its thickness.
 The tangential damping is that of the reduced mass of the two.  The coefficients of friction are those that the scene
 states of the two shapes, else follow from theirs (see model/pair_friction.py).  On the ground a shape has the numbers
 that a point of its link would have, for the weight of its own tree.
@@ -26,22 +26,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.fixed_order import applied, product, total
+from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, TURNING, Pairs
-from ..core.tree.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
+from ..core.tree.distance import Shapes
 from ..core.tree.layout import PRISMATIC
 from ..geometry.distance import HalfSpace, meeting_shapes, rows_by_name, shape_tables
 from ..geometry.mesh import hull_excess
 from ..model import Ground, HeightField, Joint
-from ..model.numpy_dynamics import link_poses
 from ..model.pair_contact import ALL, GROUND, PairContact
 from ..model.pair_friction import Frictions, PairFriction, shape_names
 from ..model.placed import SEPARATOR, Placed, link_name
-from ..model.rest_posture import START, nearest_posture, standing_keyframe
 from ..model.shapes import Box, Capsule, Mesh, Shape, Sphere
-from .contact import TWO_DEPTHS, half_thickness, plane_axes, standing_height
+from .contact import TWO_DEPTHS, half_thickness, plane_axes
 from .forest import Member, named, shifts
+from .loads import LIGHTEST, Loads, carrying, loads_at_start, moving_masses, trees_of
 from .options import SceneOptions
 from .preflight import SPRING, Limit, Preflight
 from .records import records
@@ -52,13 +51,9 @@ WORLD = -1  # the tree of what never moves
 FAR = 1e6  # way of a sliding joint without limits [m]
 BEYOND = 1.1  # how far a sliding joint goes, of its limits: stops give way
 MOST = 96  # points between bodies that can move, of which so many can act at once
-CARRYING = 4  # of the points of two shapes, at most
-LIGHTEST = 1e-300  # [kg]
 LEAST_POINTS = 32  # of the pool
 WIDE, UNDER = 100.0, 1.0  # of the treads of steps, how far they reach from the origin, and below the lowest one [m]
-ACROSS = 0.5  # cosine of the angle to the vertical, beyond which what divides two bodies stands between them
 THIN = 0.1  # of its thickness, that a thin body is pressed in where others lie on it at the start
-NEAR = 0.05  # distance of boxes around shapes that are near each other [m]
 NOTABLE_EXCESS = 1.05  # ratio of the volumes of a mesh's hull and of the mesh above which a note gives it
 MANY_PAIRS, MOST_PAIRS = 300_000, 5_000_000  # of shapes, above which a warning says so, and which are refused
 PAIR_BYTES, PAIR_TIME = 700, 6e-6  # at most, of compiling each [B, s]
@@ -152,11 +147,10 @@ def build_pairs(
     shapes = _shapes(solids)
     rubs = _coefficients(table, solids, options, frictions)
     table.friction = rubs[:, 0]
-    near, beside, lowest = _near(table, shapes, members, tree, options)
-    above, bears = _above(table, near & ~beside, lowest, tree, options)
-    _fill_law(table, solids, shapes, tree, options, above, bears)
+    loads = loads_at_start(table, shapes, members, tree, options)
+    _fill_law(table, solids, shapes, tree, options, loads)
     reach, radius = _bounds(solids, shapes, tree, [joint for one in members for joint in one.model.moving_joints])
-    enough = LEAST_POINTS + _piled(table, tree) + 2 * int(table.slots[near].sum())
+    enough = LEAST_POINTS + _piled(table, tree) + 2 * int(table.slots[loads.near].sum())
     slots = min(int(table.slots.sum()), option.max_points or enough)
     if slots < table.slots.max():
         raise ValueError(
@@ -171,11 +165,21 @@ def build_pairs(
     surfaces = _surfaces(solids, members, obstacles)
     pairs = Pairs(shapes, table, bodies, own_rows, reach, outside, radius, room, margin, turning, surfaces)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
-    own = np.array(moving_masses(tree))
-    if option.load is not None:
-        above = np.where(above > 0.0, np.maximum(option.load - own, 0.0), 0.0)
-    loads = 1.0 + above / np.maximum(own, LIGHTEST) if above.any() else None
-    return Touching(pairs, names, (*parts.notes, *_concave(solids)), loads), tree
+    return Touching(pairs, names, (*parts.notes, *_concave(solids)), _stiffer(loads, tree, option.load)), tree
+
+
+def _stiffer(loads: Loads, tree: Tree, stated: float | None) -> np.ndarray | None:
+    """Return by how much the ground is stiffer under each tree (trees,) than for its own mass; None: nowhere.
+
+    stated: what it bears there in place of what lies on the tree [kg].
+    """
+    own, above = np.maximum(moving_masses(tree), LIGHTEST), loads.above
+    if not above.any():
+        return None
+    if stated is not None:
+        return 1.0 + np.where(above > 0.0, np.maximum(stated - own, 0.0), 0.0) / own
+    even = 1.0 + above / own
+    return np.maximum(even, 0.5 * loads.most_on_ground * even)
 
 
 def no_pairs(tree: Tree) -> Pairs:
@@ -467,27 +471,24 @@ def _fill_law(
     shapes: Shapes,
     tree: Tree,
     options: SceneOptions,
-    above: np.ndarray,
-    bears: np.ndarray,
+    loads: Loads,
 ) -> None:
-    """Fill stiffness and damping of each pair; the ground's are those that it has for points.
-
-    above: mass (trees,) that lies on each tree at the start [kg]; bears (pairs,): which pairs bear any there.
-    """
+    """Fill stiffness and damping of each pair; the ground's are those that it has for points."""
     option, ground, g = options.pairs, options.ground, options.pressing
     assert option is not None
     on_ground = np.array([solid.link == GROUND for solid in solids])[table.b]
-    load = _resting(table, tree, on_ground, above) if option.load is None else np.full(len(table), option.load)
-    points, reduced = _carrying(table, shapes), _reduced(table, tree)
+    load = _resting(table, tree, on_ground, loads.above) if option.load is None else np.full(len(table), option.load)
+    points, reduced = carrying(table, shapes), _reduced(table, tree)
     depth, ratio = np.full(len(table), option.penetration), np.full(len(table), option.damping_ratio)
     half = half_thickness(shapes)
     thinner = np.minimum(half[table.a], half[table.b])
     if option.load is None:
-        depth = np.where(bears, np.minimum(depth, np.maximum(2.0 * THIN * thinner, THIN * depth)), depth)
+        depth = np.where(loads.bears, np.minimum(depth, np.maximum(2.0 * THIN * thinner, THIN * depth)), depth)
     if ground is not None:
         depth[on_ground], ratio[on_ground] = ground.penetration, ground.damping_ratio
     table.deepest = np.maximum(thinner, TWO_DEPTHS * depth)
-    table.stiffness = k = load * g / (points * depth)
+    most = loads.most if option.load is None else 0.0
+    table.stiffness = k = np.maximum(load * g / (points * depth), most * g / (2.0 * depth))
     table.damping = 2.0 * ratio / np.sqrt(g * depth)
     table.tangential_stiffness = k
     table.tangential_damping = 2.0 * np.maximum(ratio, 0.1) * np.sqrt(k * reduced / points)
@@ -534,16 +535,6 @@ def _surfaces(solids: Sequence[Solid], members: Sequence[Member], obstacles: Seq
     return build_surfaces([(solid.shape, solid.E, solid.r, numbers[solid.of]) for solid in solids])
 
 
-def _carrying(table: np.recarray, shapes: Shapes) -> np.ndarray:
-    """Return on how many points (pairs,) each pair carries a weight."""
-    kinds = shapes.table.kind
-    one, two = kinds[table.a], kinds[table.b]
-    field = (one == FIELD) | (two == FIELD)
-    low = np.minimum(one, two)
-    on_field = np.where(low == POINT, 1, np.where(low == SEGMENT, 2, CARRYING))
-    return np.where(field, on_field, np.minimum(table.slots, CARRYING))
-
-
 def _resting(table: np.recarray, tree: Tree, on_ground: np.ndarray, above: np.ndarray) -> np.ndarray:
     """Return the mass (pairs,) that may come to rest on each pair [kg].
 
@@ -571,120 +562,12 @@ def limited(check: Preflight, touching: Touching, tree: Tree) -> Preflight:
     if touching.table is None:
         return check
     table = touching.table.pairs
-    steps = 2.0 * np.sqrt(_reduced(table, tree) / (_carrying(table, touching.table.shapes) * table.stiffness))
+    steps = 2.0 * np.sqrt(_reduced(table, tree) / (carrying(table, touching.table.shapes) * table.stiffness))
     k = int(steps.argmin())
     limit = Limit(" - ".join(touching.names[k]), float(steps[k]), SPRING)
     largest, sliding = (min(one, limit.step) for one in (check.largest_explicit_step, check.sliding_step))
     check = check._replace(largest_explicit_step=largest, sliding_step=sliding)
     return check._replace(limits=(*check.limits, limit))
-
-
-def trees_of(tree: Tree) -> Any:
-    """Return the records TREE of a joined tree."""
-    assert tree.trees is not None
-    return tree.trees
-
-
-def moving_masses(tree: Tree) -> list[float]:
-    """Return the mass of each tree, without a root that is fixed [kg]."""
-    return [math.fsum(tree.bodies.m[one.root + one.fixed : one.end].tolist()) for one in trees_of(tree)]
-
-
-def _near(
-    table: np.recarray, shapes: Shapes, members: Sequence[Member], tree: Tree, options: SceneOptions
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which pairs are near each other (pairs,), by boxes around them, and which of these lie side by side.
-
-    Also where shapes end below (shapes,) [m].  It is where all start; below is along gravity, along -z without.
-    """
-    bases, joints = [], []
-    for member in members:
-        model, (x, y, *height) = member.model, member.placed.position
-        q = np.array(model.keyframes[START]) if START in model.keyframes else standing_keyframe(model)
-        q = nearest_posture(model) if q is None else q
-        if not height and options.ground is not None and model.base == "floating" and model.contacts:
-            q[:7] = (x, y, 0.0, *member.placed.orientation)
-            height = [standing_height(model, options.ground, q)]
-        bases.append([x, y, *(height or [0.0]), *member.placed.orientation])
-        joints.append(q[model.base_positions :])
-    rotation, position = body_poses(members, tree, np.array(bases), joints)
-    at = shapes.table
-    center = position[at.link] + applied(rotation[at.link], at.r)
-    apart, axes = center[table.a] - center[table.b], product(rotation[at.link], at.E.reshape(-1, 3, 3))
-    a, b = ((axes[one], at.extent[one]) for one in (table.a, table.b))
-    flat = at.kind[table.b] == HALF_SPACE
-    gaps = [_gap_along(axes[of][:, :, k], apart, a, b) for of in (table.a, table.b) for k in range(3)]
-    above = total(apart * b[0][:, :, 2]) - _half_width(b[0][:, :, 2], *a)
-    most = np.max(gaps, axis=0)
-    near = np.where(flat, above, most) < NEAR
-    up = np.array([0.0, 0.0, 1.0]) if options.g == 0.0 else -np.asarray(options.gravity) / options.g
-    rise = [abs(total(axes[of][:, :, k] * up)) for of in (table.a, table.b) for k in range(3)]
-    across = np.take_along_axis(np.array(rise), np.argmax(gaps, axis=0)[None], axis=0)[0] < ACROSS
-    reach = np.minimum(_half_width(np.tile(up, (len(axes), 1)), axes, at.extent), at.bound)
-    return near, ~flat & across & (most > _two_depths(options)), total(center * up) - reach
-
-
-def _two_depths(options: SceneOptions) -> float:
-    """Return two depths at rest [m], by which what stands beside another may be lower."""
-    return TWO_DEPTHS * max(one.penetration for one in (options.pairs, options.ground) if one is not None)
-
-
-def _above(
-    table: np.recarray, near: np.ndarray, lowest: np.ndarray, tree: Tree, options: SceneOptions
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mass (trees,) that may lie on each tree where all start, directly or through others [kg].
-
-    Also which pairs (pairs,) bear it.  What is near another and ends higher may lie on it.  near (pairs,): which are
-    so, but for those side by side; lowest: see `_near`.
-    """
-    mass, under = moving_masses(tree), dict[int, set[int]]()
-    between = near & (table.folded == 0) & (table.tree_a != table.tree_b)
-    for row in table[between]:
-        higher = lowest[row.a] - lowest[row.b]
-        if abs(higher) > _two_depths(options):
-            over, low = (row.tree_a, row.tree_b) if higher > 0.0 else (row.tree_b, row.tree_a)
-            under.setdefault(int(low), set()).add(int(over))
-    found = np.zeros(len(mass))
-    for low in under:
-        borne, left = {low}, [low]
-        while left:
-            new = under.get(left.pop(), set()) - borne
-            borne |= new
-            left += new
-        found[low] = math.fsum(mass[k] for k in sorted(borne - {low}))
-    return found, near & (between | ((table.folded == 1) & (found[table.tree_a] > 0.0)))
-
-
-def _gap_along(
-    normal: np.ndarray, apart: np.ndarray, a: tuple[np.ndarray, np.ndarray], b: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
-    """Return how far boxes, of axes (n, 3, 3) and extents (n, 3), are apart along normals (n, 3) [m]."""
-    return np.abs(total(normal * apart)) - _half_width(normal, *a) - _half_width(normal, *b)
-
-
-def _half_width(normal: np.ndarray, axes: np.ndarray, extent: np.ndarray) -> np.ndarray:
-    """Return how far boxes reach from their centers along normals (n, 3) [m]."""
-    return total(np.abs(total(axes * normal[:, :, None], axis=1)) * extent)
-
-
-def body_poses(
-    members: Sequence[Member], tree: Tree, bases: np.ndarray, joints: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Compute rotation (n + 1, 3, 3) and origin (n + 1, 3) [m] in the world of all bodies, and of the world itself.
-
-    bases (members, 7): position and quaternion of each; joints: of each member (n,) [rad or m].
-    """
-    rotation = np.tile(np.eye(3), (len(tree.bodies) + 1, 1, 1))
-    position = np.zeros((len(rotation), 3))
-    for member, base, q in zip(members, bases, joints):
-        still = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if member.model.base == "floating" else []
-        poses = link_poses(member.model, np.array([*still, *q]))
-        turn = rotation_from_quaternion(base[3:] / np.sqrt(total(base[3:] * base[3:])))
-        for link, E, r in zip(member.model.links, poses.rotation, poses.position):
-            place = tree.placements[named(member, link.name)]
-            rotation[place.row] = E = product(product(turn, E), place.E.T)
-            position[place.row] = base[:3] + applied(turn, r) - applied(E, place.r)
-    return rotation, position
 
 
 def _piled(table: np.recarray, tree: Tree) -> int:

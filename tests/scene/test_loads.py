@@ -95,6 +95,34 @@ def test_nothing_sinks_by_more_than_twice_its_penetration(things, on_ground):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("on_ground", [True, False])
+@pytest.mark.parametrize("at", [(0.12, 0.12), (0.12, 0.0), (-0.06, 0.1), (0.0, 0.0)])
+@pytest.mark.parametrize("light", [0.05, 2.0])
+def test_a_load_off_the_middle_presses_no_corner_by_more_than_two_penetrations(light, at, on_ground):
+    """Of a plate of 0.3 m on which a cube of 0.1 m and 20 kg stands."""
+    members = [placed(Box((0.3, 0.3, 0.02)), light, "plate", (0.0, 0.0, 0.01))]
+    members.append(placed(Box((0.1, 0.1, 0.1)), 20.0, "cube", (*at, 0.07)))
+    run = simulate(scene_of(members, on_ground), 1.0, record=("base_q", "base_qd"), estimate_error=False)
+    assert run.status == "ok"
+    _, _, z, w, i, j, _ = run["plate"]["base_q"][len(run["time"]) // 2 :].T
+    corners = [z - 0.01 + 2.0 * w * (i * y - j * x) for x in (-0.15, 0.15) for y in (-0.15, 0.15)]
+    assert -2.02 * 5e-4 < np.mean(corners, axis=1).min() < -0.9 * 5e-4
+
+
+def test_only_what_bears_more_than_twice_its_share_is_stiffer():
+    """A cube over one corner of a plate bears on a point 1.6 of 2 times what the law allows; over its middle none."""
+    stiffness = []
+    for x in (0.0, 0.05, 0.12):
+        plate = placed(Box((0.3, 0.3, 0.02)), 2.0, "plate", (0.0, 0.0, 0.01))
+        scene = scene_of([plate, placed(Box((0.1, 0.1, 0.1)), 18.0, "cube", (x, x, 0.07))])
+        stiffness.append(borne(scene, "plate"))
+    assert stiffness[:2] == [20.0, pytest.approx(20.0, rel=1e-12)]
+    assert stiffness[2] == pytest.approx(
+        2.0 * 18.0 * 0.12 / 0.15, rel=1e-9
+    )  # three corners bear, as 1 : 0.8 : 0.1 : 0.1
+
+
+@pytest.mark.long
 def test_round_bodies_lie_on_light_ones():
     plate, ball = placed(Box((0.3, 0.3, 0.02)), 0.1, "plate", (0.0, 0.0, 0.01)), Sphere(0.1)
     roll = Placed(body(Capsule(0.1, 0.2), 30.0, name="roll"), position=(0.0, 0.0, 0.12), orientation=(1, 1, 0, 0))
