@@ -30,7 +30,7 @@ from .trajectory import Trajectory, with_error
 
 COARSER = 10.0  # tolerance of the second run, by the run's
 SHARE = 0.35  # of the difference, that is taken for the error
-WHOLE_OF_IT = 1.0  # where the second run is finer or has wider friction, or discontinuities decide on the steps
+WHOLE_OF_IT = 1.0  # where the second run is finer or has wider friction, or where discontinuities decide, as of pairs
 OF_TENTH = 1.2  # of the difference to a third run at a tenth of the tolerance, which has a tenth of the error or more
 STRICTEST = 1e-14  # tolerance
 # Of a controller that counts, a joint may hover at the edge of a count, where two alike runs are on the wrong side.
@@ -83,7 +83,7 @@ def second_run(
         other = _with_coarser_tolerance(scene)
         coarser = SecondRun(other, min(1.0, COARSER * rtol), min(1.0, COARSER * atol))
         softer = other.constants.friction is not scene.constants.friction
-        share = WHOLE_OF_IT if scene.method.soft and scene.stiff else SHARE
+        share = WHOLE_OF_IT if scene.pairs or (scene.method.soft and scene.stiff) else SHARE
         return coarser if softer else coarser._replace(share=share, finer=finer)
     if scene.method.drives or scene.by_hand:
         return None
