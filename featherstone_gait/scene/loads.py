@@ -84,7 +84,7 @@ def loads_at_start(
     resting, least = near & ~beside & (over != under) & (over >= 0), np.full(len(members) + 1, math.inf)
     np.minimum.at(least, over[resting], gap[resting])
     rows = np.flatnonzero(resting & (gap <= least[over] + _two_depths(options)))  # not on what is farther below
-    supports = _Supports(rows, over[rows], under[rows], *_overlaps(table[rows], shapes, places))
+    supports = _Supports(rows, over[rows], under[rows], *_overlaps(table.a[rows], table.b[rows], shapes, places))
     most, on_ground = _on_one_point(table, supports, borne, members, tree, places, options)
     return Loads(near, above, bears, most, on_ground)
 
@@ -169,16 +169,16 @@ class _Supports(NamedTuple):
     high: np.ndarray  # (supports, 2) [m]
 
 
-def _overlaps(table: np.recarray, shapes: Shapes, places: _Places) -> tuple[np.ndarray, np.ndarray]:
-    """Return from where to where (pairs, 2) boxes around two shapes overlap across gravity [m]."""
+def _overlaps(a: np.ndarray, b: np.ndarray, shapes: Shapes, places: _Places) -> tuple[np.ndarray, np.ndarray]:
+    """Return from where to where (pairs, 2) boxes around shapes a and b (pairs,) overlap across gravity [m]."""
     center, axes = places.of_shapes(shapes)
     across = _across(places.up)
     half = [_half_width(np.tile(one, (len(axes), 1)), axes, shapes.table.extent) for one in across]
     half = np.minimum(np.stack(half, axis=1), shapes.table.bound[:, None])
     half[shapes.table.kind >= HALF_SPACE] = math.inf
     middle = applied(across, center)
-    low = np.maximum(*(middle[of] - half[of] for of in (table.a, table.b)))
-    high = np.minimum(*(middle[of] + half[of] for of in (table.a, table.b)))
+    low = np.maximum(*(middle[of] - half[of] for of in (a, b)))
+    high = np.minimum(*(middle[of] + half[of] for of in (a, b)))
     between = 0.5 * (low + high)
     return np.minimum(low, between), np.maximum(high, between)
 

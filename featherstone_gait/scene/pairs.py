@@ -31,6 +31,7 @@ from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, TURNING, Pairs
 from ..core.tree.distance import Shapes
 from ..core.tree.layout import PRISMATIC
+from ..geometry.contact_choice import thinned
 from ..geometry.distance import HalfSpace, meeting_shapes, rows_by_name, shape_tables
 from ..geometry.mesh import hull_excess
 from ..model import Ground, HeightField, Joint
@@ -165,7 +166,9 @@ def build_pairs(
     surfaces = _surfaces(solids, members, obstacles)
     pairs = Pairs(shapes, table, bodies, own_rows, reach, outside, radius, room, margin, turning, surfaces)
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
-    return Touching(pairs, names, (*parts.notes, *_concave(solids)), _stiffer(loads, tree, option.load)), tree
+    coarse = thinned(solid.shape for solid in solids if isinstance(solid.shape, Shape))
+    notes = *parts.notes, *_concave(solids), *coarse
+    return Touching(pairs, names, notes, _stiffer(loads, tree, option.load)), tree
 
 
 def _stiffer(loads: Loads, tree: Tree, stated: float | None) -> np.ndarray | None:

@@ -5,7 +5,15 @@ import re
 import numpy as np
 import pytest
 
-from featherstone_gait import RobotFileError, RobotFileWarning, SceneModel, load_robot, load_scene
+from featherstone_gait import (
+    Placed,
+    RobotFileError,
+    RobotFileWarning,
+    SceneModel,
+    compile_scene,
+    load_robot,
+    load_scene,
+)
 
 trimesh = pytest.importorskip("trimesh")
 MJCF = """<mujoco><asset><mesh name="b" file="ball.obj"/><mesh name="s" file="small.obj"/></asset><worldbody>
@@ -51,3 +59,10 @@ def test_a_ball_of_many_corners_is_warned_of_with_its_error(folder, load):
     assert text.index("'ball'") < text.index("'small'")
     with pytest.raises(RobotFileError, match="32 of their corners"):
         load(folder, strict=True)
+
+
+def test_a_scene_notes_hulls_that_touch_others(folder):
+    ball = load_robot(folder / "ball.urdf", "floating")
+    members = [Placed(ball, name, position=(x, 0.0, 1.0)) for name, x in (("one", 0.0), ("two", 0.3))]
+    (note,) = (text for text in compile_scene(SceneModel("two", members), pairs="all").notes if "32 of" in text)
+    assert note.count("'ball'") == note.count("'small'") == 1
