@@ -118,7 +118,7 @@ def test_a_weld_leaves_a_floating_robot_the_motion_of_one_body():
     assert len(found[0].states) == 12
     np.testing.assert_allclose(found[0].A, found[1].A, rtol=0, atol=1e-9)
     x = 0.1 * np.cos(np.arange(12))
-    np.testing.assert_allclose(found[0].deviation(found[0].simulated(x)), x, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found[0].deviation(found[0].moved(x)), x, rtol=0, atol=1e-12)
 
 
 @pytest.mark.long

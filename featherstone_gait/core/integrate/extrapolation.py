@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import inline, kernel
+from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import WIDTH, aligned, any_lane, select
 from ..compile.optional import any_present, if_present, in_lanes
 from ..compile.structure import structure
@@ -434,7 +434,7 @@ def _midpoint(run, columns):
         columns.y[i] = start[i] + moved[i]
 
 
-@kernel
+@apart
 def _slope(run, columns, slope):
     scene, x, offsets, t = run.scene, columns, run.offsets[0], run.work.pace[SINCE]
     at = Step(
