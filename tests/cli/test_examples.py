@@ -99,7 +99,7 @@ def test_an_example_runs(line, folder, monkeypatch, tmp_path):
         smaller = SMALLER.get(words[0], "").split()
         if words[0] == "reproduce" and "--full" not in words:
             words, smaller = words[:1], ["servo_step"]
-        elif words[0] == "crosscheck" and "--floors" in words or words[-1] == "--only":
+        elif (words[0] == "crosscheck" and "--floors" in words) or words[-1] == "--only":
             smaller = []
         out = [] if "--out" in words else ["--out", str(tmp_path)]
         assert cli.main([*words, *smaller, *out]) == 0
