@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import inline, kernel
+from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import select, sqrt
 from ..compile.structure import record, structure
 from ..tree.forest import base_index, base_of, joint_count
@@ -316,7 +316,7 @@ def fold_fluid(fluid, step, h):
         _fold(fluid, step, h)
 
 
-@kernel
+@apart
 def _fold(fluid, step, h):
     W, C = step.W, step.C
     for k in range(len(fluid.table)):
