@@ -497,7 +497,7 @@ class RunObjective:
         controller: CompiledController | None = None,
     ) -> None:
         check_scene(scene)
-        functions(cost=cost, inputs=inputs)
+        functions("inputs", cost=cost, inputs=inputs)
         self.scenes = [scene] if worlds is None else worlds.scenes(scene)
         self.cost, self.inputs, self.threads, self.controller = cost, inputs, threads, controller
         self.how = How(duration, pushes, record_of(cost, record), record_interval)

@@ -162,10 +162,10 @@ def path(name: str, value: Any) -> Path:
     return Path(value)
 
 
-def functions(**given: object) -> None:
-    """Raise TypeError for what cannot be called; None is accepted."""
+def functions(*optional: str, **given: object) -> None:
+    """Raise TypeError for what cannot be called; None is accepted of those named first."""
     for name, value in given.items():
-        if value is not None and not callable(value):
+        if not callable(value) and not (value is None and name in optional):
             raise TypeError(f"{name} is {shown(value)}; give a function")
 
 
