@@ -33,7 +33,7 @@ from ..run.compiled_run import CompiledRun
 from ..run.prepare import prepare
 from ..run.program import CompiledController
 from ..run.reference import Reference
-from ..run.simulate import simulate
+from ..run.simulate import one_a_run, simulate
 from ..run.start import check_scene
 from ..run.status import Status
 from ..run.trajectory import Trajectory
@@ -303,9 +303,7 @@ def gradient_batch(
             raise ValueError(f"worlds are given, and {len(scenes)} scenes; give one scene with worlds")
         scenes = worlds.scenes(scenes[0])
     each = {"states": states, "references": references, "taus": taus}
-    lists: dict[str, list[Any]] = {
-        name: listed(name, given, "give a list, an entry a run") for name, given in each.items() if given is not None
-    }
+    lists: dict[str, list[Any]] = {name: one_a_run(name, given) for name, given in each.items() if given is not None}
     count = max([len(given) for given in lists.values()], default=len(scenes))
     lists["scenes"] = scenes if several or worlds is not None else scenes * count
     if any(len(given) != count for given in lists.values()):

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, listed, one_of, real, vector, whole
+from ..geometry.contact_choice import usual_choice
 from ..model import Ground, Model
 from ..robot_file import load_robot
 from ..run.prepare import most_ticks
@@ -508,7 +509,7 @@ def actuated(robot: Any, gearbox: Any) -> tuple[Model, Any]:
     if not model.servos:
         raise ValueError(
             f"{model.name}: it has no servos, which actions move; add some: walking.with_generic_servos("
-            "load_robot(FILE, base='floating', contacts='feet'), leg=LENGTH)"
+            f"load_robot(FILE, base='floating', contacts={usual_choice(model) or 'all'!r}), leg=LENGTH)"
         )
     return model, servo_gearbox(model, gearbox)
 

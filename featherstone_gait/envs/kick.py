@@ -18,6 +18,7 @@ from ..base.arguments import real
 from ..base.rotation import rotation_from_quaternion
 from ..dynamics import deepest_points, forward_kinematics
 from ..geometry.body import body
+from ..geometry.contact_choice import usual_choice
 from ..model import Ground, Joint, Link, Model
 from ..model.pair_contact import PairContact
 from ..model.placed import Placed, SceneModel
@@ -65,9 +66,11 @@ def kick_scene(robot: Any = "humanoid", gearbox: GearboxKind | None = None, mass
     """
     model, kind = actuated(robot, gearbox)
     if model.base != "floating" or not model.contacts or not model.shapes:
+        choice = usual_choice(model)
+        load = f"load it with base='floating' and contacts={choice!r}"
         raise ValueError(
-            f"{model.name}: what kicks has a floating base, contact points to stand on and collision shapes: load it "
-            "with base='floating' and contacts='feet'"
+            f"{model.name}: what kicks has a floating base, contact points to stand on and collision shapes: "
+            f"{load if choice else 'add such shapes to its file'}"
         )
     x, y = _before_the_right_foot(model)
     ball = body(Sphere(RADIUS), real("mass", mass, 1e-3, 1e3, "give the mass of the ball [kg]"), name=BALL)

@@ -91,6 +91,25 @@ def with_contacts(model: Model, choice: Choice) -> Model:
     return replace(model, contacts=_carrying(model, contact_points(own)), notes=(*model.notes, *thinned(own)))
 
 
+def usual_choice(model: Model) -> str | None:
+    """Return the choice for a robot without contact points that messages name; None if no shapes can be taken.
+
+    It is "feet" for legs, which have two joints or more, wheels not counted, and feet without doubts; else "all".
+    """
+    hinges = {model.root: 0}
+    for joint in depth_first(model):
+        hinges[joint.child] = hinges[joint.parent] + (joint.type not in ("fixed", "continuous"))
+    for choice in ("feet", "all"):
+        try:
+            found = with_contacts(model, choice)
+        except (ValueError, ImportError):
+            continue
+        legs = found.notes == model.notes and all(hinges[point.link] > 1 for point in found.contacts)
+        if legs or choice == "all":
+            return choice
+    return None
+
+
 def contact_points(shapes: Iterable[Shape]) -> tuple[ContactPoint, ...]:
     """Compute the contact points of collision shapes.
 

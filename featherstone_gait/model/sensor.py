@@ -370,7 +370,8 @@ class SampledSensor:
 
     def __post_init__(self) -> None:
         what = "sampled sensor"
-        instance(f"{what}: sensor", self.sensor, (str, *get_args(Sensor)), "give a sensor, or the name of one")
+        remedy = "give a sensor that is not sampled, or the name of one"
+        instance(f"{what}: sensor", self.sensor, (str, *get_args(Sensor)), remedy)
         instance(f"{what}: name", self.name, str, "give a text")
         check(quantity_flaws(what, self))
         if self.rate is not None:

@@ -12,6 +12,10 @@ from .checks import allowed, check, choice_flaws, number_flaws, quantity, quanti
 
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
 TORQUE_LAWS = ("pd", "pd_clamped")
+ONE_KIND = (
+    "give all joints one kind of law: for the sampled ones Controller('pd_clamped', Kp, Kd=Kd, torque_limit=T), or "
+    "gearbox=None and @controller(writes='torque') for all"
+)
 FIRMWARE = ("compliance_margin", "punch", "pwm_steps", "duty_limit", "profile_speed", "delay")  # of a `Controller`
 
 

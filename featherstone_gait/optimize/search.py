@@ -49,7 +49,8 @@ def search(job: Job, start: Start) -> OptimizeResult:
         _set_aside(job.history, result)
     if not np.isfinite(result.fun):
         cheapest = start.plan == "cheapest"
-        remedy = "stronger servos (--servo generic:4)" if cheapest else "the cheapest plan (--plan cheapest)"
+        other = "other numbers of the walk (--walk), or stronger servos if these are weak (--servo generic:4)"
+        remedy = other if cheapest else "the cheapest plan (--plan cheapest)"
         raise ValueError(
             f"{job.model.name}: none of {result.nit + 1} gaits walked; the first: {start.failure}; "
             f"{start.unplanned or f'try {remedy}'}"

@@ -124,6 +124,7 @@ def read_scene_toml(path: Path, strict: bool) -> SceneModel:
         found["fluid"] = record(Fluid, table_of(table, "fluid", ""), "fluid") if "fluid" in table else None
     placed: dict[str, list[Placed]] = {"robots": [], "objects": [], "obstacles": []}
     for section, members in placed.items():
+        rows: list[dict[str, Any]] = []  # where it is no list of tables
         with problems.at(table, section):
             rows = _rows(table, section)
         for k, row in enumerate(rows):

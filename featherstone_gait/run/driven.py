@@ -168,7 +168,7 @@ def replay(scene: CompiledScene, run: Trajectory, controller: CompiledController
     instance("run", run, Trajectory, "give what drive returns")
     inputs = run.info.get("inputs")
     if not isinstance(inputs, dict) or "command" not in run:
-        raise ValueError("run: it has no inputs to repeat; give what drive returns, or Trajectory.load(its file)")
+        raise ValueError("run: it has no inputs to repeat; give what drive returns, or Trajectory.load(FILE)")
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     pushable = "push" in run
     for name, has in (("names", names_of(scene)), ("links", [*scene.tree.placements])):

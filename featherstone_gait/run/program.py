@@ -36,9 +36,10 @@ from ..core.compile.chance import uses_chance
 from ..core.compile.jit import JIT, CompilationError, carray, kernel, outside
 from ..core.step import program as core
 from ..core.step.state import IN_STATE
-from ..model import Controller
+from ..model import TORQUE_LAWS, Controller, Model
 from ..robot_file import scene_names
 from ..robot_file.source import scene_path
+from ..scene.actuator import usual_gearbox
 from ..scene.compile import CompiledScene
 
 DYNAMICS = __name__.partition(".")[0] + ".dynamics"
@@ -129,8 +130,8 @@ class CompiledController:
         """Return the scene that it drives; ValueError where nothing takes what it writes."""
         if not scene.sampled and self.writes != "torque":
             raise ValueError(
-                f"controller {self.name}: {scene.model.name} has no sampled servos that take what it writes: compile "
-                "the scene with gearbox='mipsd', or let it write torques, @controller(writes='torque')"
+                f"controller {self.name}: {scene.model.name} has no sampled servos that take what it writes: "
+                f"{_sampled(scene.model)}let it write torques, @controller(writes='torque'), with gearbox=None"
             )
         self.every(scene)
         return open_loop(scene) if self.writes == "voltage" else scene
@@ -376,8 +377,6 @@ def with_ticks(scene: CompiledScene, controller: CompiledController | None) -> C
             f"controller {controller.name} writes torques, but the servos of {name} would drive the joints too: "
             "compile the scene with gearbox=None, or write 'voltage' or 'reference'"
         )
-    if scene.method.drives:
-        raise ValueError(f"{name}: {scene.integrator} takes its torques from servos alone: use implicit_euler")
     if period is None:
         return scene
     shorter = period / math.ceil(period / scene.timestep)
@@ -391,6 +390,14 @@ def with_ticks(scene: CompiledScene, controller: CompiledController | None) -> C
         )
     steps = round(period / h)
     return scene if steps == scene.tick_steps else replace(scene, tick_steps=steps)
+
+
+def _sampled(model: Model) -> str:
+    """Return the beginning of a remedy: how a robot's sampled servos act in a scene; "" for other servos and none."""
+    laws = {servo.controller.law for servo in model.servos.values()}
+    if not laws or laws & {*TORQUE_LAWS}:
+        return ""
+    return f"compile the scene with gearbox={usual_gearbox(model)!r}, or "
 
 
 def open_loop(scene: CompiledScene, duty: bool = False) -> CompiledScene:

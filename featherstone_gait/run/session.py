@@ -30,6 +30,7 @@ from ..base.brief import clipped, in_full
 from ..base.files import FilePath, Format, check_sound, complete, read_arrays
 from ..core.effects.push import EVENT_MARGIN
 from ..core.integrate.rollout import OK
+from ..scene.actuator import usual_gearbox
 from ..scene.channels import StateView
 from ..scene.compile import CompiledScene
 from ..scene.external import Push, build_pushes
@@ -823,16 +824,18 @@ def _action(scene: CompiledScene, action: Any, controller: CompiledController | 
         return "reference"
     if action is None:
         return "reference" if driven else "torque"
-    one_of("action", action, ACTIONS)
+    if not isinstance(action, str) or action not in ACTIONS:
+        known = [one for one in ACTIONS if (one != "torque") == driven]
+        one_of("action", action, known if scene.sampled else known[:1])
     if action == "torque" and driven:
         raise ValueError(
             f"{name}: action is 'torque', but its servos would drive the joints too: compile the scene with "
             "gearbox=None, or give 'voltage' or 'reference'"
         )
-    if action == "torque" and scene.method.drives:
-        raise ValueError(f"{name}: {scene.integrator} takes its torques from servos alone: use implicit_euler")
     if action != "torque" and not driven:
-        raise ValueError(f"{name}: action is {action!r}, but it has no servos: compile the scene with gearbox='mipsd'")
+        kind = usual_gearbox(scene.model)
+        remedy = f"compile the scene with gearbox={kind!r}" if kind else "give 'torque'"
+        raise ValueError(f"{name}: action is {action!r}, but it has no servos: {remedy}")
     if action in ("voltage", "pwm") and not scene.sampled:
         raise ValueError(
             f"{name}: action is {action!r}, but its servos follow a torque law and have no motor: give 'reference', or "

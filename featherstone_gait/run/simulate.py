@@ -300,9 +300,17 @@ def _changed(function: Callable[[Job], dict[str, Any]], jobs: list[Job]) -> list
     return [job._replace(**fields) for job, fields in zip(jobs, _once(function, jobs))]
 
 
+def one_a_run(name: str, given: Any) -> list[Any]:
+    """Return the items of a list with an entry a run; raise ValueError for others, and for the state of one run."""
+    remedy = "give a list, an entry a run"
+    if name == "states" and (isinstance(given, Trajectory) or getattr(given, "ndim", 2) == 1):
+        raise ValueError(f"{name} is {shown(given)}; {remedy}")
+    return listed(name, given, remedy)
+
+
 def _runs(scene: Any, worlds: Worlds | None, each: dict[str, Any]) -> dict[str, list[Any]]:
     """Return lists of one length, `scenes` among them, from lists, None, and one scene for all."""
-    lists = {name: None if x is None else listed(name, x, "give a list, an entry a run") for name, x in each.items()}
+    lists = {name: None if x is None else one_a_run(name, x) for name, x in each.items()}
     if worlds is not None:
         instance("worlds", worlds, Worlds, "give Worlds(...)")
         check_scene(scene)

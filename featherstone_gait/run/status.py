@@ -75,7 +75,7 @@ REMEDIES = {
     Status.DOUBTFUL: "give a smaller timestep or softer contacts, or search without gradients",
     Status.TOO_COSTLY: "raise rtol, or use implicit_euler or midpoint at a fixed step",
     Status.TOO_MANY_CONTACTS: "allow more: compile_scene(pairs=PairContact(max_points=...)), or choose fewer pairs",
-    Status.TOO_DEEP: "give contacts a smaller penetration (PairContact, Ground), or the load that they have to bear",
+    Status.TOO_DEEP: "give contacts a smaller penetration (of the ground: Ground), or PairContact the load to bear",
 }
 OF_CODE = {  # status of a state, as the kernels write it
     rollout.OK: Status.OK,

@@ -20,6 +20,7 @@ from ..core.effects.pd_servo import PD, PDServo
 from ..core.effects.rigid_servo import RigidServo
 from ..core.integrate.integrator import Integrator
 from ..model import TORQUE_LAWS, Controller, Model, Servo
+from ..model.servo import ONE_KIND
 from .gearbox_kinds import GEARBOX_KINDS, GearboxKind
 from .records import fill, filled, records
 from .tree import joint_armature
@@ -98,7 +99,7 @@ def build_drive(model: Model, kind: GearboxKind | None) -> Drive:
     servos = [model.servos.get(name) for name in joints]
     continuous = {servo.controller.law in TORQUE_LAWS for servo in servos if servo}
     if len(continuous) > 1:
-        raise ValueError(f"{model.name} mixes pd servos with sampled ones; give all joints one kind of law")
+        raise ValueError(f"{model.name} mixes pd servos with sampled ones; {ONE_KIND}")
     armature = joint_armature(model)
     if kind == "rotor":
         rotors = np.array([s.gearbox.reflected_inertia if s else 0.0 for s in servos])

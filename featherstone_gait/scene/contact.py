@@ -18,7 +18,7 @@ from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.tree.distance import HALF_SPACE, Shapes
 from ..dynamics import deepest_points
-from ..geometry.contact_choice import with_contacts
+from ..geometry.contact_choice import usual_choice
 from ..geometry.distance import shape_tables
 from ..model import Ground, HeightField, Model
 from ..model.ground import ContactPoint
@@ -43,7 +43,10 @@ def build_contact(model: Model, tree: Tree, options: SceneOptions) -> Contact | 
     if ground is None:
         return None
     if not model.contacts:
-        raise ValueError(f"{model.name}: ground without contact points; {_remedy(model)}, or give ground=None")
+        choice = usual_choice(model)
+        take = f"load it with contacts={choice!r} to take its collision shapes, or add contacts to its TOML"
+        take = take if choice else "add contacts to its TOML, or collision shapes to its file"
+        raise ValueError(f"{model.name}: ground without contact points; {take}, or give ground=None")
     if gravity.any() and not dot(plane_axes(ground)[0], gravity) < 0:
         raise ValueError(
             f"{model.name}: ground under gravity {tuple(gravity.tolist())} m/s^2, which presses nothing on it: its "
@@ -56,17 +59,6 @@ def build_contact(model: Model, tree: Tree, options: SceneOptions) -> Contact | 
         points, under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground), _surfaces(model, tree),
         _rolling(model, tree, points),
     )  # fmt: skip
-
-
-def _remedy(model: Model) -> str:
-    """Say how a robot gets contact points: by a choice of its shapes that can be made."""
-    for choice in ("feet", "all"):
-        try:
-            with_contacts(model, choice)
-        except (ValueError, ImportError):
-            continue
-        return f"load it with contacts={choice!r} to take its collision shapes, or add contacts to its TOML"
-    return "add contacts to its TOML, or collision shapes to its file"
 
 
 def _motion(ground: Ground) -> np.recarray | None:

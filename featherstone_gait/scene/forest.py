@@ -29,6 +29,7 @@ from ..core.step.state import IN_STATE
 from ..core.tree.forest import TREE
 from ..model import Joint, Link, Loop, Model, Placement, Tendon
 from ..model.placed import Placed, link_name
+from ..model.servo import ONE_KIND
 from .actuator import Actuator, passive
 from .channels import Share, owned
 from .fluid import joined_fluid, joined_propellers
@@ -325,8 +326,8 @@ def _actuator(members: Sequence[Member]) -> Actuator | None:
     if len(kinds) > 1:
         each = ", ".join(f"{name!r} has {kind.__name__}" for kind, name in kinds.items())
         raise ValueError(
-            f"scene: servos of several kinds do not act in one scene: {each}; give all robots one gearbox "
-            "('mipsd' or 'rotor'), and servos of one kind of law"
+            f"scene: servos of several kinds do not act in one scene: {each}; give all robots gearbox='rotor', and "
+            f"where laws differ {ONE_KIND}"
         )
     kind = next(iter(kinds))
     found = [(member.scene.constants.actuator, member.scene.tree.n) for member in members]

@@ -12,6 +12,7 @@ from ..core.effects.friction import SOFT
 from ..core.integrate.integrator import Integrator
 from ..model import TORQUE_LAWS, Controller, Gearbox, Joint, Model, Servo
 from ..model.links import OF_DEGREES
+from .actuator import is_elastic
 from .gearbox_kinds import GearboxKind
 
 FIXED = "the joint is fixed; leave it out, or give the joint another type"
@@ -62,6 +63,8 @@ def _of_servo(servo: Servo, kind: GearboxKind | None, method: Integrator) -> Ite
     """Yield record, field and reason of what has no effect."""
     law = servo.controller.law
     also = " and a sampled law" if law in TORQUE_LAWS else ""
+    if not is_elastic(servo):
+        also += ", with a finite stiffness and a rotor_inertia above 0"
     if kind != "mipsd":
         yield from _stated(servo.gearbox, ELASTIC, f"the gearbox {kind!r} is rigid; use gearbox='mipsd'{also}")
     if kind == "standard":

@@ -59,6 +59,7 @@ LIKE_BIOLOID = 0.1  # relative difference in height up to which a robot takes th
 RESERVE = 0.5  # share of the stall torque on one leg up to which all servos of the package walk a plan
 FASTER = 1.0  # share of the no-load speed that references may reach
 SAMPLE, PREVIEW, JERKS = 0.02, 1.2, 2.5e-8  # of the plans: T [s], preview [s] and R [s^6/m^2] of the Bioloid's
+BEYOND = "the joint limits are violated between the poses"
 STEPS, ACCURATE = 15, 1e-5  # number of steps; tolerance of the center of mass along its path [m]
 ROUNDS, NEAR = 6, 2e-3  # iterations that place the trunk; tolerance of the soles [m and rad]
 MOST_PLANS = 10**5
@@ -100,6 +101,10 @@ class Box:
 
 SLOW = Box(step_time=(2.2, 3.6), lift=(0.03, 0.1), half_width=(0.8, 1.2))  # for weak servos
 SLOWEST = np.array([0.0, 1.0, 0.0, 0.5, 0.0, 0.0])  # of its unit box; most others ask for twice the joint speeds
+NUMBERS = (
+    "numbers of a walk that is known to work: step_length, step_time, lift, com_height, half_width, double_support "
+    "(on the command line --walk NAME=NUMBER,...)"
+)
 GENTLE = (  # in the units of `Box`: of 61 plans tried with 21 servos one of these walks with all but one that walk
     (0.163, 3.545, 0.082, 0.117, 1.139, 0.17),
     (0.131, 3.112, 0.062, 0.104, 1.152, 0.266),
@@ -274,12 +279,10 @@ def cheapest_plan(
     kinds = [re.sub(r"\d+(\.\d+)?", "0", trial.status) for trial in trials]  # the same, but for numbers
     most = max(dict.fromkeys(kinds), key=kinds.count)
     fixed = ", ".join(f"{name} {shown(value)}" for name, value in held.items())
-    reason = trials[kinds.index(most)].status
-    stronger = "" if "cannot reach" in reason else "stronger servos, "
+    trial = trials[kinds.index(most)]
     raise ValueError(
         f"{scene.model.name}: none of {len(trials)} planned walks{f' with {fixed}' if fixed else ''} can be walked, "
-        f"{kinds.count(most)} of them for this: {reason}; give {stronger}more plans or "
-        "another box of them, or numbers of a walk that is known to work"
+        f"{kinds.count(most)} of them for this: {trial.status}; give {search.other_servos(trial)}{NUMBERS}"
     )
 
 
@@ -312,6 +315,7 @@ def gentle_plan(scene: CompiledScene, states: States = "step", **held: Any) -> C
         If none walks, with the torque and the speed that they take, and the least servo of the package with a reserve.
     """
     search, trials, planned = _Search(scene, states, SLOW, _in_the_same_worlds(scene), held), [], []
+    measured: list[Trial] = []
     for numbers in GENTLE:
         walk = _walk(numbers, search.size, search.g, held)
         try:
@@ -320,12 +324,19 @@ def gentle_plan(scene: CompiledScene, states: States = "step", **held: Any) -> C
             trials.append(Trial(walk, math.inf, str(error)))
             continue
         trials.append(search.measured(walk, *one[1:]))
+        measured.append(trials[-1])
         planned.append((trials[-1].cost, *one))
     if not planned:
         raise ValueError(f"{scene.model.name}: {trials[0].status}")
     value, plan, fit, cost = min(planned, key=lambda one: one[0])
     if math.isfinite(value):
         return CheapestPlan(plan, fit, cost, value, tuple(trials))
+    strong = next((trial for trial in measured if not search.other_servos(trial)), None)
+    if strong is not None:
+        raise ValueError(
+            f"{scene.model.name}: none of {len(trials)} plans of slow steps walks, though servos have twice the torque "
+            f"and speed that one takes: {strong.status}; give {NUMBERS}"
+        )
     raise ValueError(_why_all_fall(search, [(one[1], one[2].gait) for one in planned]))
 
 
@@ -465,6 +476,19 @@ class _Search:
             f"reaches {self.speeds[worst]:.2g} rad/s; {enough}"
         )
 
+    def other_servos(self, trial: Trial) -> str:
+        """Return the beginning of a remedy: other servos, where these have no reserve for a plan; else ""."""
+        try:
+            plan, fit, _ = self.planned(trial.walk)
+        except ValueError:  # out of reach, or beyond the limits of joints
+            return ""
+        load = load_on_one_leg(self.scene.model, plan)
+        weak = load is not None and load.share > RESERVE
+        own = np.array([joint.velocity for joint in self.scene.model.moving_joints])  # of the file, whatever the servo
+        slow = bool(((self.asked(fit.gait) > RESERVE * self.speeds) & (self.speeds < own)).any())
+        words = " and ".join(["stronger"] * weak + ["faster"] * slow)
+        return f"{words} servos (--servo on the command line), or " if words and trial.status != BEYOND else ""
+
     def asked(self, gait: Gait) -> np.ndarray:
         """Return the largest speeds (nj,) [rad/s] of a gait's references."""
         return np.abs(np.diff(_references(gait), axis=0)).max(axis=0) / TICK
@@ -481,7 +505,7 @@ class _Search:
         """Measure a plan that the robot can follow."""
         angles, (lower, upper) = _references(fit.gait), self.limits
         if np.any((angles < lower) | (angles > upper)):
-            return Trial(walk, math.inf, "the joint limits are violated between the poses")
+            return Trial(walk, math.inf, BEYOND)
         if np.any(np.abs(np.diff(angles, axis=0)) > FASTER * TICK * self.speeds):
             return Trial(walk, math.inf, "joints would have to turn faster than they can without load")
         return Trial(walk, *self.searched(cost)(fit.gait.to_vector()))

@@ -19,7 +19,7 @@ import numpy as np
 from ..base.arguments import texts, truth
 from ..base.files import FilePath
 from ..dynamics import contact_positions_at
-from ..geometry.contact_choice import Choice
+from ..geometry.contact_choice import Choice, usual_choice
 from ..model import Base, Loop, Model
 from ..robot_file import load_robot, robot_names
 from ..robot_file.servos import with_servo
@@ -123,7 +123,7 @@ def leg_length(model: Model) -> float:
     Raises ValueError for a robot without contact points, or whose lowest one no joint moves.
     """
     if not model.contacts:
-        raise ValueError(f"{model.name} has no contact points; load it with contacts='feet'")
+        raise ValueError(f"{model.name} has no contact points; load it with contacts={usual_choice(model) or 'all'!r}")
     points = contact_positions_at(model, link_poses(model, np.zeros(len(model.joint_names))))[0]
     foot = model.contacts[int(np.argmin(points[:, 2]))].link
     return leg_length_to(model, foot, points[[point.link == foot for point in model.contacts]].mean(axis=0))

@@ -35,15 +35,39 @@ PROGRAMS = [  # those that define kernels are also run without compilation
 ]  # fmt: skip
 
 
+ATTRIBUTE = re.compile(r"`([a-z_]\w*)((?:\.[a-z_]\w*)+)(?:\([^`]*\))?`")
+FILES = r"\.(csv|html|json|jsonl|md|npz|png|py|toml|urdf|xml)$"
+
+
+def attributes_in(prose, code):
+    """The lines of prose as those attributes that it names of what the code before it defines."""
+    nodes = [*ast.walk(ast.parse(code))]
+    known = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    for line in prose.split("\n"):
+        named = (name + path for name, path in ATTRIBUTE.findall(line) if name in known and not re.search(FILES, path))
+        yield "; ".join(named)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("text", PROGRAMS)
 def test_what_a_page_says_holds(text, tmp_path):
-    """All blocks of a page are one program in a folder where it may write; lines are numbered as in the page."""
-    parts = ("\n" + part if k % 2 else "\n" * part.count("\n") for k, part in enumerate(CODE.split(text)))
+    """All blocks of a page are one program in a folder where it may write; lines are numbered as in the page.
+
+    Attributes of what a block defines, which the text below it names, are read there.
+    """
+    texts = CODE.split(text)
+    parts = (
+        "\n" + part if k % 2 else "\n".join(attributes_in(part, "".join(texts[1:k:2]))) for k, part in enumerate(texts)
+    )
     (tmp_path / "page.py").write_text("".join(parts), "utf-8")
     command, environment = [sys.executable, "-W", "error", "page.py"], os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_attributes_that_the_text_names_are_read():
+    found = attributes_in("of `run.status` and\n`x.y`, `run.npz`, `run.of(name)`", "run = 1")
+    assert [*found] == ["run.status", "run.of"]
 
 
 def test_pages_name_every_timing_and_no_other():

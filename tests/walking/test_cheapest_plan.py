@@ -1,6 +1,7 @@
 """The plan that costs least: found, told of, within limits, the same each time."""
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -80,7 +81,7 @@ def test_servos_too_slow_for_the_slowest_plan_are_named_before_any_plan_is_tried
 
 def test_where_no_plan_can_be_walked_the_most_common_reason_is_told(scene):
     never = lambda cost: lambda x: (math.inf, "fell")  # noqa: E731
-    with pytest.raises(ValueError, match=r"none of 3 planned walks can be walked.*give stronger servos"):
+    with pytest.raises(ValueError, match=r"none of 3 planned walks can be walked.*give faster servos .* --walk NAME"):
         cheapest_plan(scene, count=(1,), searched=never)
     with pytest.raises(ValueError, match=r"none of 2 planned walks"):
         cheapest_plan(scene, count=(1,), searched=never, box=Box())
@@ -134,6 +135,20 @@ def test_weak_servos_are_told_torque_and_speed_of_the_plans_that_fall_and_a_serv
         gentle_plan(with_servos(scene, 0.6, 1.0))
     with pytest.raises(ValueError, match="double_support"):
         gentle_plan(scene, double_support=2.0)
+
+
+def test_servos_are_no_remedy_where_they_are_strong_and_fast_enough(scene, monkeypatch):
+    """Four times the torque and speed of the AX-12, and plans that fall all the same."""
+    falls = lambda _: lambda cost: lambda x: (math.inf, "fell")  # noqa: E731
+    monkeypatch.setattr(sys.modules[gentle_plan.__module__], "_in_the_same_worlds", falls)
+    strong = with_servos(scene, 4.0, 4.0)
+    with pytest.raises(ValueError, match=r"none of 4 plans .*: fell; give numbers of a walk.* --walk NAME") as told:
+        gentle_plan(strong)
+    assert "servo of the package" not in str(told.value)
+    with pytest.raises(ValueError, match=r"for this: fell; give numbers of a walk"):
+        cheapest_plan(strong, count=(1,))
+    with pytest.raises(ValueError, match=r"for this: .* give stronger and faster servos"):
+        cheapest_plan(with_servos(scene, 0.6, 1.0), count=(1,))
 
 
 def test_the_plain_plan_is_that_of_before(scene):

@@ -35,6 +35,7 @@ import numpy as np
 
 from ...base.flaws import quoted
 from ...model import TORQUE_LAWS, Controller, Gearbox, Joint, Servo
+from ...model.servo import ONE_KIND
 from .equalities import couplings, held_joints, joints_of
 from .tree import BALL, Tree, actuator_count
 
@@ -157,7 +158,7 @@ def read_actuators(
     if len(torques) not in (0, len(servos)):
         remarks.append(
             f"servos of joints {quoted(torques)} have a torque law, the others are sampled; compile_scene takes one "
-            "kind: give all joints one kind of law, or servos=None"
+            f"kind: {ONE_KIND}"
         )
     return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, remarks, drives)
 
