@@ -111,7 +111,7 @@ class _Kickers(_Robots):
     def begin(self, draw: np.random.Generator) -> np.ndarray:
         """Draw the first state of an episode."""
         robot = self.alone.state_view(super().begin(draw))
-        ball = np.array([*self.scene.member(BALL).placed.position[:2], RADIUS, 1.0, 0.0, 0.0, 0.0])
+        ball = np.array([*self.scene.member(BALL).placed.position[:2], 0.0, 1.0, 0.0, 0.0, 0.0])
         ball[:2] += draw.uniform(-PLACED, PLACED, 2)
         ball[2] = standing_height(self.scene.member(BALL).model, Ground(), ball)
         return initial_state(self.scene, {ROBOT: np.concatenate([robot.base_q, robot.q]), BALL: ball})
