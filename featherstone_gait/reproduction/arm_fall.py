@@ -97,7 +97,9 @@ def run(settings: ArmFallSettings = QUICK, progress: bool = False) -> ArmFallRes
     }
     falls = {name: _recordings(settings, fall["standard"]) for name, fall in gearboxes.items()}
     refits = {
-        J: identify(changed(forearm, rotor_inertia=J), falls["forearm"], ["viscous_friction"], progress=progress)
+        J: identify(  # computed falls start where they say
+            changed(forearm, rotor_inertia=J), falls["forearm"], ["viscous_friction"], start_range=0, progress=progress
+        )
         for J in settings.inertias
     }
     return ArmFallResult(
