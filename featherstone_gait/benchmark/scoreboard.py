@@ -26,13 +26,15 @@ A case is written when it is finished, so that --resume continues; --only measur
 
 from __future__ import annotations
 
+import atexit
 import math
+import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -399,19 +401,20 @@ Simulator(plant).AdvanceTo(0.1)
 def firsts(robot: str) -> Iterator[Method]:
     """Yield new processes that import, load a robot, and simulate 0.1 s."""
     kind = {"arm7": "free arm", "humanoid": "humanoid on the ground"}[robot]
-    folder = TemporaryDirectory()
-    save_robot(load_robot(robot), Path(folder.name) / "robot.urdf")
-    save_robot(load_robot(robot), Path(folder.name) / "robot.xml", Ground())
+    folder = tempfile.mkdtemp()  # which the methods share
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    save_robot(load_robot(robot), Path(folder) / "robot.urdf")
+    save_robot(load_robot(robot), Path(folder) / "robot.xml", Ground())
     for cache in ("empty cache", "filled cache"):
         yield Method("ours", cache, (math.nan,), partial(_process, folder, first.PROGRAMS[kind]))
     for engine, code in PEERS.items():
         if installed(ENGINES[engine]):
-            timed = f"import os, time\nos.chdir({folder.name!r})\n{code}\nprint()\nprint(time.process_time())"
+            timed = f"import os, time\nos.chdir({folder!r})\n{code}\nprint()\nprint(time.process_time())"
             yield Method(engine, "", (math.nan,), partial(_process, folder, timed))
 
 
-def _process(folder: TemporaryDirectory, program: str, _: float) -> Once:
-    return lambda: Result(math.nan, first.seconds(program, folder.name))
+def _process(folder: str, program: str, _: float) -> Once:
+    return lambda: Result(math.nan, first.seconds(program, folder))
 
 
 # ---------------------------------------------------------------------------------------------- pictures

@@ -38,8 +38,8 @@ class PairContact:
     rolling_friction : float
         Coefficient of the moment that resists rolling [m]; 0 is none.
     load : float or None
-        Mass that two bodies carry at that depth [kg].  None: the mass of all robots and objects that can touch these
-        two, directly or through others.
+        Mass that two bodies carry at that depth [kg]; the ground bears it, too, under what others can touch.  None:
+        the mass of all robots and objects that can touch these two, directly or through others.
     max_points : int or None
         Points of all pairs that can be near each other at a time, of a pair all that it can touch at; None: 32, twice
         those of pairs that are near where all start, and for each free object those of three of its pairs.

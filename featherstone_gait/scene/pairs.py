@@ -9,8 +9,8 @@ without contact points touch the ground with their shapes.
 penetration), and Hunt and Crossley's damping d = 2 zeta / sqrt(g penetration), as points on the ground have (see
 contact.py).  m is the stated load, else all that may come to rest on the pair: the mass of its trees and of all that
 these can touch directly or through others, without roots that are fixed.  N is 1 for spheres, 2 for capsules, 4 else.
-The ground bears each tree by its own mass and that of all that lies on it where all start (see loads.py); of a tree on
-which something lies, the stated load.  Where one of N points bears more than twice m g / N there, points are stiffer.
+The ground bears each tree by its own mass and that of all that lies on it where all start (see loads.py), or by a
+stated load that is more.  Where one of N points bears more than twice m g / N there, points are stiffer.
 Of two bodies that bear others there, and of which one is thin, the penetration is a tenth of its thickness.
 The tangential damping is that of the reduced mass of the two.  The coefficients of friction are those that the scene
 states of the two shapes, else follow from theirs (see model/pair_friction.py).  On the ground a shape has the numbers
@@ -168,21 +168,22 @@ def build_pairs(
     names = tuple((solids[a].link, solids[b].link) for a, b in zip(table.a.tolist(), table.b.tolist()))
     coarse = thinned(solid.shape for solid in solids if isinstance(solid.shape, Shape))
     notes = *parts.notes, *_concave(solids), *coarse
-    return Touching(pairs, names, notes, _stiffer(loads, tree, option.load)), tree
+    return Touching(pairs, names, notes, _stiffer(table, loads, tree, option.load)), tree
 
 
-def _stiffer(loads: Loads, tree: Tree, stated: float | None) -> np.ndarray | None:
+def _stiffer(table: np.recarray, loads: Loads, tree: Tree, stated: float | None) -> np.ndarray | None:
     """Return by how much the ground is stiffer under each tree (trees,) than for its own mass; None: nowhere.
 
-    stated: what it bears there in place of what lies on the tree [kg].
+    stated: what it bears there at least, under trees that others can touch [kg].
     """
     own, above = np.maximum(moving_masses(tree), LIGHTEST), loads.above
-    if not above.any():
-        return None
     if stated is not None:
-        return 1.0 + np.where(above > 0.0, np.maximum(stated - own, 0.0), 0.0) / own
+        between = table[table.folded == 0]
+        touched = np.isin(np.arange(len(own)), np.concatenate([between.tree_a, between.tree_b]))
+        above = np.where(touched, np.maximum(stated - own, 0.0), 0.0)
     even = 1.0 + above / own
-    return np.maximum(even, 0.5 * loads.most_on_ground * even)
+    stiffer = even if stated is not None else np.maximum(even, 0.5 * loads.most_on_ground * even)
+    return stiffer if (stiffer > 1.0).any() else None
 
 
 def no_pairs(tree: Tree) -> Pairs:
