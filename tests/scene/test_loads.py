@@ -70,6 +70,9 @@ def test_a_stated_load_is_what_the_ground_bears_under_others():
     scene = scene_of(pile, pairs=PairContact(load=1.5))
     assert borne(scene, "b0") == pytest.approx(1.5)
     assert borne(scene, "b1") == pytest.approx(2.0)
+    later = [pile[0], placed(Box((0.1, 0.1, 0.1)), 2.0, "later", (0.0, 0.0, 1.0))]
+    assert borne(scene_of(later, pairs=PairContact(load=1.5)), "b0") == pytest.approx(1.5)
+    assert borne(scene_of(later), "b0") == pytest.approx(0.5)
 
 
 @pytest.mark.long
