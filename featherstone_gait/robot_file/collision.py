@@ -13,8 +13,8 @@ from xml.etree.ElementTree import Element
 
 from ..model.checks import check_angles
 from ..model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
-from .grammar import label
-from .markup import number, vector
+from .grammar import label, pass_over_paint
+from .markup import children, number, vector
 from .report import Report
 
 NEAR = 4  # folders above a URDF whose folders are searched for packages, too
@@ -71,6 +71,7 @@ def read_shapes(link: Element, meshes: MeshFinder, frictions: Mapping[Any, float
     """
     what = label(link)
     for element in link.iterfind("collision"):
+        pass_over_paint(element)
         try:
             shape = shape_of(element, link.get("name", "?"), what, meshes, report)
             yield replace(shape, friction=frictions.get(element, frictions.get(shape.link)))
@@ -81,10 +82,10 @@ def read_shapes(link: Element, meshes: MeshFinder, frictions: Mapping[Any, float
 
 def shape_of(element: Element, link: str, what: str, meshes: MeshFinder, report: Report) -> Shape:
     """Read the shape of a <collision> or <visual>; raise ValueError for one that is wrong."""
-    zero, origin = (0.0, 0.0, 0.0), element.find("origin")
+    zero, origin, name = (0.0, 0.0, 0.0), element.find("origin"), element.get("name", "")
     xyz, rpy = (zero, zero) if origin is None else (vector(origin, "xyz", what), vector(origin, "rpy", what))
     check_angles(f"{what}: <origin>", "rpy", rpy)
-    stated = [child for geometry in element.iterfind("geometry") for child in geometry if child.tag in _GEOMETRIES]
+    stated = [child for geometry in element.iterfind("geometry") for child in children(geometry, _GEOMETRIES)]
     if len(stated) != 1:
         raise ValueError(
             f"{what}: <{element.tag}> has {len(stated)} geometries; expected one of "
@@ -97,13 +98,13 @@ def shape_of(element: Element, link: str, what: str, meshes: MeshFinder, report:
         if path is None:
             report.remark(f"mesh {geometry.file!r} of a <collision> is not there: its path is kept as written")
         geometry = replace(geometry, file=str(path or geometry.file))
-    return Shape(link, geometry, xyz, rpy, element.get("name", ""))
+    return Shape(link, geometry, xyz, rpy, name)
 
 
 def _filename(element: Element, name: str, what: str) -> str:
-    if not element.get(name):
+    if not (file := element.get(name)):
         raise ValueError(f"{what}: <mesh> has no filename; it is required: add it")
-    return element.attrib[name]
+    return file
 
 
 _GEOMETRIES: dict[str, tuple[type, dict[str, Callable]]] = {  # and their attributes

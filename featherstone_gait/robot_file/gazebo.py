@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
-from .markup import number
+from .markup import number, unread
 from .report import Report
 
 FIELDS = {"springStiffness": "stiffness", "springReference": "spring_reference"}  # of Joint
@@ -51,9 +51,15 @@ def read_gazebo(root: Element, report: Report) -> Gazebo:
             elif name in links and child.tag in FRICTION:
                 with report.blaming(gazebo):
                     slip.setdefault(name, {})[child.tag] = _value(child, f"{what} <{child.tag}>")
-            elif not (name in joints and child.tag in LAWLESS):
-                _doubt(gazebo, child, what, report)
+            else:
+                if not (name in joints and child.tag in LAWLESS):
+                    _doubt(gazebo, child, what, report)
                 skipped[f"<{child.tag}>"] = None
+                continue
+            for _, part, _ in unread(child):
+                _ignore(gazebo, part, child.tag, what, report)
+        for part in (name for name in gazebo.attrib if name != "reference"):
+            _ignore(gazebo, part, "gazebo", what, report)
         mu = slip.get(name, {})
         if len({*mu.values()}) == 2:
             found = f"<mu1> {mu['mu1']} and <mu2> {mu['mu2']} differ"
@@ -62,6 +68,10 @@ def read_gazebo(root: Element, report: Report) -> Gazebo:
     if skipped:
         report.remark(f"skipped <gazebo>, another simulator's settings: {', '.join(skipped)}")
     return Gazebo(read, {name: mu.get("mu1", next(iter(mu.values()))) for name, mu in slip.items() if mu})
+
+
+def _ignore(gazebo: Element, part: str, tag: str, what: str, report: Report) -> None:
+    report.assume(gazebo, what, f"unknown {part!r} of <{tag}>", "ignored", "correct the spelling, or remove it")
 
 
 def _value(child: Element, what: str) -> float:

@@ -27,7 +27,7 @@ from .plausible import doubt_inertias
 from .report import Report, RobotFileError, RobotFileWarning, blamed_on, refusal
 from .robot import Robot, with_rollers
 from .settings import Settings, read_settings
-from .simtwo.read import read_simtwo
+from .simtwo.read import is_simtwo, read_simtwo
 from .source import robot_path
 from .srdf import read_excluded
 from .urdf import read_urdf
@@ -111,7 +111,7 @@ def load_robot(
         meshes = MeshFinder(path, package_dirs)
         if markup.root.tag == "mujoco":
             robot = read_mjcf(path, base, report)
-        elif markup.root.tag == "scene" or markup.root.find("solids") is not None:
+        elif is_simtwo(markup.root):
             robot = read_simtwo(path, markup.root, base, report)
         else:
             robot = read_urdf(markup.root, path, meshes, report, repair_inertia)

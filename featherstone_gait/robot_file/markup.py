@@ -1,13 +1,17 @@
-"""Read XML safely, with the line of every element and numbers as XML Schema and C write them; write XML."""
+"""Read XML safely, with the line of every element and numbers as XML Schema and C write them; write XML.
+
+An element that is read keeps what of it a reader has asked for; `unread` yields the rest, which is left out.
+"""
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree.ElementTree import Element, ParseError
+from xml.etree.ElementTree import Element, ParseError, TreeBuilder
 from xml.parsers.expat import errors
 
 import numpy as np
@@ -18,6 +22,7 @@ from .source import read_bytes
 
 Vector = tuple[float, float, float]
 
+SIMILAR = 0.8  # from here on a name is taken for a misspelled one (difflib's ratio)
 MAX_DEPTH = 64  # of nested elements
 MAX_NUMBER = 1e30  # in a robot file, so that no product of masses and lengths overflows
 DECLARATION = re.compile(rb"<\?xml\s[^<>]*\?>")
@@ -25,6 +30,67 @@ PREFIX = re.compile(rb"[</\s]([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*[\s=/>]")
 COMMENT = re.compile(rb"<!--(.*?)-->", re.DOTALL)
 ROOT = re.compile(rb"<[A-Za-z_][\w.-]*")
 NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")  # what strtod reads in the C locale
+
+
+class Read(Element):
+    """An element that keeps which attributes and children a reader has asked it for.
+
+    under: an element whose attributes count where this one has none of their names; whole: whether a reader has said
+    what becomes of all of it.
+    """
+
+    under: Element | None = None
+    whole = False
+
+    def __init__(self, tag: str, attributes: dict[str, str] | None = None) -> None:
+        super().__init__(tag, attributes or {})
+        self.names: dict[str, None] = {}  # of attributes
+        self.tags: dict[str, bool] = {}  # of children, and whether all of them count or the first alone
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return an attribute."""
+        self.names[name] = None
+        below = default if self.under is None else self.under.get(name, default)
+        return super().get(name, below)
+
+    def find(self, tag: str, namespaces: Any = None) -> Any:
+        """Return the first child of a tag."""
+        self.tags.setdefault(tag, False)
+        return super().find(tag)
+
+    def iterfind(self, tag: str, namespaces: Any = None) -> Any:
+        """Return the children of a tag."""
+        self.tags[tag] = True
+        return super().iterfind(tag)
+
+    def findall(self, tag: str, namespaces: Any = None) -> Any:
+        """Return the children of a tag as a list."""
+        return [*self.iterfind(tag)]
+
+
+def children(element: Element, tags: Iterable[str]) -> list[Element]:
+    """Return the children of some tags."""
+    tags = {*tags}
+    if isinstance(element, Read):
+        element.tags |= dict.fromkeys(tags, True)
+    return [child for child in element if child.tag in tags]
+
+
+def unread(element: Element) -> Iterator[tuple[Read, str, Element | None]]:
+    """Yield what no reader has asked for: an element and its attribute, or an element and its child."""
+    if not isinstance(element, Read) or element.whole:
+        return
+    yield from ((element, name, None) for name in element.attrib if name not in element.names)
+    for child in element:
+        if child.tag in element.tags:
+            yield from unread(child)
+        else:
+            yield element, str(child.tag), child
+
+
+def meant(name: str, asked: Iterable[str]) -> str:
+    """Return which of the names that a reader has asked for a misspelled one is like; empty for none."""
+    return next(iter(difflib.get_close_matches(name[:40], [*asked], 1, SIMILAR)), "")
 
 
 class Markup(NamedTuple):
@@ -39,7 +105,7 @@ class _Parser(DefusedXMLParser):
     """A parser that keeps the lines, and refuses entities and document types."""
 
     def __init__(self) -> None:
-        super().__init__(forbid_dtd=True)
+        super().__init__(target=TreeBuilder(element_factory=Read), forbid_dtd=True)
         self.lines: dict[Element, int] = {}
 
     def _start(self, tag: str, attributes: list[str]) -> Element:
@@ -122,11 +188,12 @@ def vector(element: Element, attribute: str, what: str, default: str = "0 0 0") 
 
 def number(element: Element, attribute: str, what: str, default: float | None = None) -> float:
     """Return a finite number; raise ValueError for anything else, and if the attribute is missing without a default."""
-    if attribute not in element.attrib:
+    text = element.get(attribute)
+    if text is None:
         if default is None:
             raise ValueError(f"{what}: attribute {attribute!r} of <{element.tag}> is missing; it is required: add it")
         return default
-    return _parsed(element.attrib[attribute].strip(), f"{what}: <{element.tag}> {attribute}")
+    return _parsed(text.strip(), f"{what}: <{element.tag}> {attribute}")
 
 
 def number_or_inf(element: Element, attribute: str, what: str) -> float:

@@ -26,7 +26,7 @@ from .robot import with_rollers
 from .save import MJCF
 from .scene_toml import read_scene_toml, with_stated
 from .settings import Settings
-from .simtwo.read import file_of, name_of, read_simtwo
+from .simtwo.read import file_of, is_simtwo, name_of, read_simtwo
 from .simtwo.scene import read_rest, read_solids
 from .simtwo.solids import AIR
 from .source import scene_path
@@ -68,7 +68,7 @@ def load_scene(path: str | os.PathLike, *, strict: bool = False) -> SceneModel:
         if path.suffix == ".toml":
             return read_scene_toml(path, strict)
         markup = read_markup(path)
-        if markup.root.tag == "scene" or markup.root.find("solids") is not None:
+        if is_simtwo(markup.root):
             return _simtwo(path, markup, strict)
         if markup.root.tag != "mujoco":
             raise ValueError(

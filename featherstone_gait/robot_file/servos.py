@@ -260,15 +260,16 @@ def _servo_values(path: Path, gearbox: str) -> dict[str, Any]:
             expected = f"; expected one of {', '.join(presets)}: use one of these"
             none = ": the file has no [gearboxes]; leave the name out, or add it"
             raise ValueError(f"there is no gearbox {gearbox!r}{expected if presets else none}")
-        problems, preset, values = Problems(), dict[str, Any](), dict[str, Any]()
-        with problems.at(presets, gearbox):
-            preset = _servo_settings(table_of(presets, gearbox, "gearboxes."), f"gearboxes.{gearbox}")
+        problems, found, values = Problems(), dict[str, dict[str, Any]](), dict[str, Any]()
+        for name in presets:
+            with problems.at(presets, name):
+                found[name] = _servo_settings(table_of(presets, name, "gearboxes."), f"gearboxes.{name}")
         with problems.at(table):
             _sheet(table)
         with problems.at(table):
             values = _servo_settings(table, "servo", also=_TABLES)
         problems.raise_all()
-        return {**values, **preset}
+        return {**values, **found.get(gearbox, {})}
 
 
 def _sheet(table: Mapping[str, Any]) -> ServoSheet:

@@ -11,7 +11,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from ..base.flaws import quoted
-from .markup import read_markup
+from .markup import read_markup, unread
 from .report import Report, RobotFileNotFoundError, blamed_on
 
 
@@ -34,7 +34,7 @@ def read_excluded(path: Path, given: Path | None, links: Iterable[str], report: 
         raise RobotFileNotFoundError(f"{srdf}: there is no such SRDF file; correct the path given as srdf=")
     try:
         with blamed_on(srdf):
-            pairs, unknown = _read(srdf, dict.fromkeys(links))
+            pairs, unknown, skipped = _read(srdf, dict.fromkeys(links))
     except ValueError as error:
         if given is not None:
             raise
@@ -42,11 +42,13 @@ def read_excluded(path: Path, given: Path | None, links: Iterable[str], report: 
         return ()
     if unknown:
         report.remark(f"{srdf.name}: skipped collisions of links that are not there: {quoted(unknown)}")
+    if skipped:
+        report.remark(f"{srdf.name}: skipped {', '.join(skipped)}, which say nothing of what touches")
     return pairs
 
 
-def _read(path: Path, links: Iterable[str]) -> tuple[tuple[tuple[str, str], ...], list[str]]:
-    """Return the pairs, and the links that the robot does not have."""
+def _read(path: Path, links: Iterable[str]) -> tuple[tuple[tuple[str, str], ...], list[str], list[str]]:
+    """Return the pairs, the links that the robot does not have, and the elements that are not read."""
     root = read_markup(path).root
     if root.tag != "robot":
         raise ValueError(f"root element is <{root.tag}>; expected <robot> of an SRDF: give another file")
@@ -59,7 +61,8 @@ def _read(path: Path, links: Iterable[str]) -> tuple[tuple[tuple[str, str], ...]
     unknown = [name for name in dict.fromkeys(name for pair in named for name in pair) if name not in order]
     known = (pair for pair in named if pair[0] in order and pair[1] in order and pair[0] != pair[1])
     ordered = ((a, b) if order[a] < order[b] else (b, a) for a, b in known)
-    return tuple(dict.fromkeys(ordered)), unknown
+    skipped = [f"<{child.tag}>" for _, _, child in unread(root) if child is not None]
+    return tuple(dict.fromkeys(ordered)), unknown, [*dict.fromkeys(skipped)]
 
 
 def _pairs(root: Element, tag: str) -> Iterator[tuple[str, str]]:

@@ -241,18 +241,18 @@ def surface(table: Mapping[str, Any], key: str, what: str) -> Surface:
 
 
 def _number_or_three(table: Mapping[str, Any], key: str, what: str) -> float | tuple[float, ...]:
-    return vector(table, key, what) if isinstance(table[key], list) else number(table, key, what)
+    return vector(table, key, what) if isinstance(table.get(key), list) else number(table, key, what)
 
 
 def _reals(table: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
-    if not isinstance(table[key], list):
-        raise ValueError(f"{what}: {key} is {table[key]!r}; expected a list of numbers")
+    if not isinstance(table.get(key), list):
+        raise ValueError(f"{what}: {key} is {table.get(key)!r}; expected a list of numbers")
     return tuple(real(x, f"{what}: {key}") for x in table[key])
 
 
 def _matrix(table: Mapping[str, Any], key: str, what: str) -> tuple[tuple[float, ...], ...]:
-    if not isinstance(table[key], list):
-        raise ValueError(f"{what}: {key} is {table[key]!r}; expected a list of rows")
+    if not isinstance(table.get(key), list):
+        raise ValueError(f"{what}: {key} is {table.get(key)!r}; expected a list of rows")
     return tuple(_reals({key: row}, key, what) for row in table[key])
 
 

@@ -19,8 +19,8 @@ from ..model.rigid_bodies import inertia_tuple, turned_inertia
 from .collision import MeshFinder, read_shapes
 from .dialects import read_frictions, read_rotors
 from .gazebo import read_gazebo
-from .grammar import label, tidy
-from .markup import Vector, number, number_or_inf, vector
+from .grammar import label, look_through, need, tidy
+from .markup import Read, Vector, children, number, number_or_inf, vector
 from .report import Report
 from .robot import MASSLESS, Robot
 
@@ -49,13 +49,15 @@ def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, rep
     gazebo, rotors = read_gazebo(root, report), read_rotors(root, report)
     more = {name: {**gazebo.joints.get(name, {}), **rotors.get(name, {})} for name in {**gazebo.joints, **rotors}}
     frictions: dict[Any, float] = {**gazebo.frictions, **read_frictions(root, report)}
-    tidy(root, label(root), report)
-    if "name" not in root.attrib:
+    if root.get("name") is None:
         report.assume(root, "<robot>", "attribute 'name' is missing", f"called {path.stem!r}", "add it")
-    links = tuple(_link(element, report, repair_inertia) for element in root.iterfind("link"))
+    for element in (*root.iterfind("link"), *root.iterfind("joint")):
+        tidy(element, label(element), report)
     shapes = [shape for element in root.iterfind("link") for shape in read_shapes(element, meshes, frictions, report)]
+    links = tuple(_link(element, report, repair_inertia) for element in root.iterfind("link"))
     floating = _base_joints(root, links)
     joints = tuple(_joint(element, more, report) for element in root.iterfind("joint") if element not in floating)
+    look_through(root, label(root), report)
     if floating:
         links = _without_world(links, floating, report)
     return Robot(
@@ -96,9 +98,10 @@ def _sound(element: Element, report: Report, read: Callable[[Element, str, Repor
     """Read a link or joint; report what is wrong with it, and return None then."""
     what, before, found = label(element), len(report.problems), None
     report.places.setdefault(what, report.lines[element])
-    tidy(element, what, report)
+    need(element, what, report, "name type" if element.tag == "joint" else "name")
     with report.blaming(element):
         found = read(element, what, report)
+    look_through(element, what, report)
     return found if len(report.problems) == before else None
 
 
@@ -114,7 +117,7 @@ def _stated(
     """Return the numbers that an element states, by name, without wrong ones, which are reported."""
     values = {}
     for name in names:
-        if element is not None and name in element.attrib:
+        if element is not None and element.get(name) is not None:
             with report.blaming(element):
                 values[name] = read(element, name, what)
     return values
@@ -124,6 +127,7 @@ def _body(element: Element, what: str, report: Report) -> Link:
     name, inertial = element.get("name", ""), element.find("inertial")
     if inertial is None:
         return Link(name, **MASSLESS)
+    _need_inside(inertial, label(inertial, what), report, mass="value", inertia="ixx iyy izz")
     mass = _stated(inertial.find("mass"), ("value",), what, report)
     stated = _stated(_with_products(inertial, what, report), INERTIA, what, report)
     inertia = tuple(stated.get(name, 0.0) for name in INERTIA)
@@ -149,6 +153,15 @@ def _with_products(inertial: Element, what: str, report: Report) -> Element | No
     return inertia
 
 
+def _need_inside(element: Element, what: str, report: Report, **attributes: str) -> None:
+    """Report children, by tag, that an element lacks, and attributes that these lack."""
+    need(element, what, report, tags=" ".join(attributes))
+    for tag, names in attributes.items():
+        child = element.find(tag)
+        if child is not None:
+            need(child, label(child, what), report, names)
+
+
 def _end(element: Element, tag: str) -> str:
     """Return the link at an end of a joint."""
     end = element.find(tag)
@@ -158,11 +171,14 @@ def _end(element: Element, tag: str) -> str:
 def _moving_joint(element: Element, what: str, report: Report) -> Joint:
     kind: Any = element.get("type", "fixed")  # any text: the checks of Joint refuse what is none of its types
     kind = _NAMES.get(kind, kind)
+    _need_inside(element, what, report, parent="link", child="link")
     name, parent, child = element.get("name", ""), _end(element, "parent"), _end(element, "child")
     origin = _stated(element.find("origin"), ("xyz", "rpy"), what, report, vector)
     if kind == "fixed":
-        for tag in [tag for tag in ("limit", "dynamics", "mimic", "screw", "axis2") if _attributes(element.find(tag))]:
-            report.remark(f"skipped <{tag}> of a fixed joint, which does not move")
+        for still in children(element, ("axis", "limit", "dynamics", "mimic", "screw", "axis2")):
+            report.remark(f"skipped <{still.tag}> of a fixed joint, which does not move")
+            assert isinstance(still, Read)
+            still.whole = True
         return Joint(name, kind, parent, child, **origin)
     kind, motion = _stops(element, kind, what, report)
     motion |= _limits(element, what, report) | _stated(element.find("dynamics"), DYNAMICS, what, report)
@@ -172,14 +188,13 @@ def _moving_joint(element: Element, what: str, report: Report) -> Joint:
     if kind == "universal" and element.find("axis2") is not None:
         with report.blaming(element):
             motion["axis2"] = _axis(element, what, report, "axis2")
-    elif element.find("axis2") is not None:
-        remedy = "only universal joints have one"
-        report.assume(element, what, f"<axis2> of a joint of type {kind!r}", "ignored", remedy)
     if kind == "screw":
         motion |= _stated(element.find("screw"), ("pitch",), what, report)
         if "pitch" not in motion:
             report.assume(element, what, "a screw without <screw pitch>", "pitch 0", "state how far it slides [m/rad]")
     mimic = element.find("mimic")
+    if mimic is not None:
+        need(mimic, label(mimic, what), report, "joint")
     if mimic is not None and mimic.get("joint"):  # else it is refused as missing
         motion["mimic"] = Mimic(mimic.get("joint", ""), **_stated(mimic, ("multiplier", "offset"), what, report))
     return Joint(name, kind, parent, child, **origin, **motion)
@@ -187,7 +202,10 @@ def _moving_joint(element: Element, what: str, report: Report) -> Joint:
 
 def _axis(element: Element, what: str, report: Report, tag: str = "axis") -> Vector:
     """Return the axis at unit length; (1, 0, 0) if the file has none, as URDF says."""
-    axis: Vector = _stated(element.find(tag), ("xyz",), what, report, vector).get("xyz", (1.0, 0.0, 0.0))
+    stated = element.find(tag)
+    if stated is not None:
+        need(stated, label(stated, what), report, "xyz")
+    axis: Vector = _stated(stated, ("xyz",), what, report, vector).get("xyz", (1.0, 0.0, 0.0))
     largest = max(abs(x) for x in axis)
     if not largest > 0:
         raise ValueError(f"{what}: {tag} {axis!r} has length {largest!r}; expected > 0: give a direction such as 0 0 1")
@@ -208,11 +226,11 @@ def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[Any,
     """
     limit, stops = element.find("limit"), {"lower": 0.0, "upper": 0.0}
     if kind == "continuous":
-        if limit is not None and ("lower" in limit.attrib or "upper" in limit.attrib):
+        if limit is not None and any([limit.get(name) is not None for name in stops]):
             report.remark("skipped lower and upper of a continuous joint, which has no stops")
         return kind, {}
     if kind not in ("revolute", "prismatic", "screw") or (kind == "screw" and not stops.keys() & _attributes(limit)):
-        if stops.keys() & _attributes(limit):
+        if limit is not None and any([limit.get(name) is not None for name in stops]):
             remedy = "limit joints of one degree of freedom"
             report.assume(element, what, f"type {element.get('type')!r} has limits", "without limits", remedy)
         return kind, {}
@@ -242,8 +260,6 @@ def _limits(element: Element, what: str, report: Report) -> dict[str, float]:
     limit = element.find("limit")
     if limit is None:
         return {}
-    for skipped in [name for name in ("acceleration", "deceleration", "jerk") if name in limit.attrib]:
-        report.remark(f"skipped {skipped} of <limit>: the servo limits the motion")
     if not ("effort" in limit.attrib and "velocity" in limit.attrib):
         report.remark("a <limit> states no effort or no velocity: taken as unlimited")
     return _stated(limit, ("effort", "velocity"), what, report, number_or_inf)

@@ -17,7 +17,7 @@ from ..geometry.mesh import Color
 from ..model import Model
 from ..model.shapes import Geometry
 from .collision import MeshFinder, shape_of
-from .grammar import label, tidy
+from .grammar import label, look_through, pass_over_paint, tidy
 from .markup import Markup, read_markup
 from .mjcf.read import compiled
 from .mjcf.sizes import documents_of
@@ -118,11 +118,14 @@ def _of_urdf(path: Path, markup: Markup, model: Model) -> Visuals:
         name = element.get("name", "")
         for visual in element.iterfind("visual") if name in links else ():
             tidy(visual, f"{label(element)} <visual>", report)
+            pass_over_paint(visual)
             try:
                 shape = shape_of(visual, name, label(element), meshes, report)
             except ValueError as error:
                 notes.append(str(error))
                 continue
+            finally:
+                look_through(visual, f"{label(element)} <visual>", report)
             material = visual.find("material")
             painted = material is not None and (_rgba(material) or named.get(material.get("name", "")))
             color, opacity = painted or (None, 1.0)

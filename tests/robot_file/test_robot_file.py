@@ -666,7 +666,7 @@ def test_all_attributes_that_urdf_knows_are_legal(tmp_path):
     )
     robot = load_robot(write(tmp_path, text))
     assert robot.joints == load_robot(write(tmp_path)).joints
-    assert len(robot.notes) == 3
+    assert len(robot.notes) == 5
 
 
 SPRING = "<springStiffness>1.5</springStiffness><springReference>0.5</springReference>"

@@ -78,6 +78,17 @@ def test_motors_of_wheels_inherit_from_their_default(tmp_path):
     assert (servos["left"].resistance, servos["left"].gearbox.ratio) == (0.3, 12.0)
 
 
+def test_a_motor_that_is_off_leaves_its_friction_and_rotor_at_the_joint(tmp_path):
+    """Without current SimTwo's axis has the torque -bv w - fc sign(w), and G² of the rotor's inertia and friction."""
+    off = '<motor active="0"/><gear ratio="20"/><rotor J="1e-4" bv="2e-4"/><friction bv="0.03" fc="0.2"/>'
+    model = quiet(written(tmp_path, (CART % "").replace('<motor active="0"/>', off)))
+    joint = model.moving_joints[2]
+    assert (joint.name in model.servos, joint.friction) == (False, 0.2)
+    assert joint.damping == pytest.approx(0.03 + 20**2 * 2e-4)
+    H = mass_matrix(model, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert H[8, 8] == pytest.approx(0.5 * 0.4 * 0.05**2 + 20**2 * 1e-4)
+
+
 def test_omni_wheels_roll_across_their_axis_alone(tmp_path):
     model = quiet(written(tmp_path, CART % ""), load_scene).member("cart").model
     points = {point.link: point for point in model.contacts}
@@ -206,7 +217,7 @@ def test_shells_have_neither_drag_nor_rollers(tmp_path):
     shell = '<shells><cylinder><ID value="a" kind="omni"/><drag stokes="1"/></cylinder></shells>'
     model = quiet(written(tmp_path, CART % shell))
     assert model.immersed == ()
-    assert sum("in <cylinder> is not read" in note for note in model.notes) == 2
+    assert sum("> is not read" in note for note in model.notes) == 2
 
 
 def test_solids_without_gravity_bear_their_weight(tmp_path):
@@ -366,6 +377,20 @@ def test_nothing_is_dropped_in_silence(tmp_path, element):
     notes = quiet(written(tmp_path, text)).notes
     start = f"cart.xml, line {line_of(text, element)}: "
     assert any(note.startswith(start) and f"<{name}>" in note and attribute in note for note in notes), notes
+
+
+def test_a_misspelled_property_is_warned_of_and_what_a_hinge_has_no_use_for_is_noted(tmp_path):
+    text = """<robot><solids><cuboid><ID value="a"/></cuboid><cuboid><ID value="b"/><mas value="3"/></cuboid></solids>
+      <articulations><joint><ID value="j"/><axis x="1"/><axis2 y="1"/><limits Min="-9" Mx="9"/><connect B1="b" B2="a"/>
+      <type value="Hinge"/></joint></articulations></robot>"""
+    with pytest.warns(
+        RobotFileWarning, match=r"<mas> in <cuboid> .* mass meant\?.*Mx of <limits> .* Max meant\?"
+    ) as said:
+        model = load_robot(written(tmp_path, text))
+    assert "axis2" not in str(said[0].message)
+    assert any("<axis2> in <joint> is not read" in note for note in model.notes)
+    with pytest.raises(RobotFileError, match="mass meant"):
+        load_robot(tmp_path / "cart.xml", strict=True)
 
 
 def test_constants_of_things_and_comments_with_hyphens(tmp_path):

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ...base.flaws import quoted
 from . import equalities, loops, tendons
 from .sensors import sensor_notes
+from .stated import STATED
 from .tree import (
     BALL,
     FREE,
@@ -32,6 +34,29 @@ NO_CONSTRAINTS = 1 << 0
 SLEEP, SLEEP_AT_START = 1 << 4, 5  # mjtEnableBit, mjtSleepPolicy
 NO_CONTACTS, NO_GRAVITY = 1 << 4, 1 << 7
 SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's defaults
+IDLE = "visual statistic size skin texture material numeric tuple text extension"  # elements that move nothing
+READ = {  # attributes that are read of the settings of MuJoCo's solver and integrator
+    "option": "gravity wind density viscosity actuatorgroupdisable",
+    "flag": "constraint equality frictionloss limit contact spring damper gravity clampctrl actuation filterparent "
+    "override sleep",
+}
+
+
+def idle(documents: Iterable[Element]) -> Iterator[str]:
+    """Yield what a file and those that it includes say that plays no part."""
+    roots = [*documents]
+    used = [tag for tag in IDLE.split() if any(_is_idle(element) for root in roots for element in root.iter(tag))]
+    if used:
+        yield f"skipped what moves nothing ({', '.join(used)})"
+    for tag, read in READ.items():
+        stated = (name for root in roots for element in root.iter(tag) for name in element.attrib)
+        if names := [name for name in dict.fromkeys(stated) if name not in read.split()]:
+            yield f"skipped {', '.join(names)} of <{tag}>: compile_scene has integrators and solvers of its own"
+
+
+def _is_idle(element: Element) -> bool:
+    """Return whether an element is not the <text> of this package."""
+    return not element.get("name", "").startswith(STATED)
 
 
 def refusals(m: Any, names: Tree) -> Iterator[str]:

@@ -148,11 +148,12 @@ def friction_doubts(m: Any, geoms: Iterable[int]) -> Iterator[str]:
             f"took the first of the two frictions in the <pair> of geoms {of(dict.fromkeys(uneven))} in all "
             "directions; write both alike"
         )
-    wide, apart = [g for g in sorted(geoms) if m.geom_margin[g]], [k for k in pairs if m.pair_margin[k]]
+    wide = [g for g in sorted(geoms) if m.geom_margin[g] or m.geom_gap[g]]
+    apart = [k for k in pairs if m.pair_margin[k] or m.pair_gap[k]]
     if wide:
-        yield f"ignored the margin of geoms {quoted(names[g] for g in wide)}: forces begin where shapes touch"
+        yield f"ignored gap and margin of geoms {quoted(names[g] for g in wide)}: forces begin where shapes touch"
     if apart:
-        yield f"ignored the margin in the <pair> of geoms {of(apart)}: forces begin where shapes touch"
+        yield f"ignored gap and margin in the <pair> of geoms {of(apart)}: forces begin where shapes touch"
 
 
 def slack_notes(m: Any, geoms: Iterable[int]) -> Iterator[str]:

@@ -18,7 +18,7 @@ from ..report import Report, blamed_on
 from ..robot import Robot
 from ..settings import Posture, Settings
 from .actuators import Actuators, read_actuators
-from .causes import doubts, notes, other_gravity, refusals
+from .causes import doubts, idle, notes, other_gravity, refusals
 from .equalities import couplings, held_joints
 from .fluids import other_fluid, read_immersed
 from .frictions import slack_notes
@@ -75,6 +75,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     sensors, said = read_sensors(m, lambda b: tree.bodies[b] if tree.holds(m, b) and (b or tree.root == 0) else None)
     ground = [int(g) for pair in zip(m.pair_geom1, m.pair_geom2) for g in pair if m.geom_bodyid[g] == 0]
     slack = slack_notes(m, [*touching.friction, *ground])
+    remarks += idle(documents.values())
     for sentence in (*notes(m, tree), *slack, *said, *left, *touching.remarks, *actuators.remarks, *remarks):
         report.remark(sentence)
     geoms = [g for g in touching.friction if tree.holds(m, int(m.geom_bodyid[g])) and geometry_of(m, g) is not None]

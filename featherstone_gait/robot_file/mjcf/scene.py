@@ -32,7 +32,7 @@ from ..report import Report
 from ..robot import Robot
 from ..settings import Settings
 from .actuators import read_actuators
-from .causes import doubts, gravity_of, notes, refusals
+from .causes import doubts, gravity_of, idle, notes, refusals
 from .equalities import Line, couplings
 from .fluids import fluid_of, read_immersed
 from .frictions import (
@@ -149,7 +149,7 @@ def read_scene(path: Path, report: Report) -> Content:
     texts = Stated(path, documents.values(), members=True, alone=len(moving) == 1)
     written = any(text.get("name") == FRICTIONS for root in documents.values() for text in root.iter("text"))
     floor = _floor(m, report, written)
-    ground = None if floor is None else _ground(m, floor)
+    ground = None if floor is None else _ground(m, floor, report)
     if floor is not None and ground is not None and ground.field is not None:
         _note_edge(m, floor, ground.field, [bodies[top] for top in moving if _is_beyond(m, top, ground.field)], report)
     stated = any("friction" in pair.attrib for root in documents.values() for pair in root.iter("pair"))
@@ -182,7 +182,7 @@ def read_scene(path: Path, report: Report) -> Content:
     sensors, said = read_sensors(m, lambda b: None)
     for sentence in unseen(m, solids.shapes, floor):
         report.doubt(sentence)
-    for sentence in (*notes(m, everything), *said, *remarks):
+    for sentence in (*notes(m, everything), *said, *remarks, *idle(documents.values())):
         report.remark(sentence)
     if solids.collide.any() and pairs == NONE:
         report.remark('bodies touch the ground alone, unless compile_scene is given pairs="all"')
@@ -455,13 +455,15 @@ def _note_edge(m: Any, g: int, field: HeightField, beyond: list[str], report: Re
         report.remark(text)
 
 
-def _ground(m: Any, g: int) -> Ground:
+def _ground(m: Any, g: int, report: Report) -> Ground:
     """Return the ground that a plane or height field is; how it gives way is that of `Ground`, not of the file."""
     (E, r), friction = _in_world(m, g), float(m.geom_friction[g, 0])
     if m.geom_type[g] == HFIELD:
         field = height_field(m, int(m.geom_dataid[g]))
         x, y = field.origin
         field = replace(field, origin=(float(r[0]) + x, float(r[1]) + y))
+        if getattr(m, "geom_surfacevel", np.zeros((g + 1, 6)))[g].any():
+            report.doubt(f"ignored surfacevel of height field {m.geom(g).name or f'geom{g}'!r}, the ground: it rests")
         return Ground(friction, height=float(r[2]), field=field)
     x, y, z = E[:, 2].tolist()  # the normal
     height = (x * float(r[0]) + y * float(r[1]) + z * float(r[2])) / z

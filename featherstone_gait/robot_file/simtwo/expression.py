@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from ..markup import MAX_NUMBER
+from ..markup import MAX_NUMBER, children
 
 MAX_LENGTH = 200  # of an expression
 
@@ -67,11 +67,16 @@ def constants_of(root: Element, given: Mapping[str, float]) -> dict[str, float]:
     """Return the constants that <defines> states; those given override its <arg>, which are defaults."""
     constants = dict(given)
     for defines in root.iterfind("defines"):
-        for element in defines:
-            name = element.get("name", "")
-            if element.tag == "const" or (element.tag == "arg" and name not in given):
-                constants[name] = value_of(element.get("value", ""), constants, f"constant {name!r}")
+        for element in children(defines, ("const", "arg")):
+            name, value = element.get("name", ""), element.get("value", "")
+            if element.tag == "const" or name not in given:
+                constants[name] = value_of(value, constants, f"constant {name!r}")
     return constants
+
+
+def stated(element: Element | None, names: str) -> str | None:
+    """Return which of some attributes an element has, the first of several."""
+    return next((name for name in names.split() if element is not None and element.get(name) is not None), None)
 
 
 class Numbers:
@@ -80,10 +85,12 @@ class Numbers:
     def __init__(self, constants: Mapping[str, float]) -> None:
         self.constants = constants
 
-    def one(self, element: Element | None, name: str, default: float, what: str) -> float:
-        """Return an attribute of an element; the default if either is missing."""
-        text = None if element is None else element.get(name)
-        return default if text is None else value_of(text, self.constants, f"{what}: {name}")
+    def one(self, element: Element | None, names: str, default: float, what: str) -> float:
+        """Return the first of some attributes that an element has; the default if either is missing."""
+        name = stated(element, names)
+        if element is None or name is None:
+            return default
+        return value_of(element.get(name, ""), self.constants, f"{what}: {name}")
 
     def xyz(self, element: Element | None, what: str, default: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Any:
         """Return the attributes x, y and z."""

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, TypeAlias
 from xml.etree.ElementTree import Element
 
 from ...model import Controller, Gearbox, Servo
-from .expression import Numbers
+from ..markup import Read
+from .expression import Numbers, stated
 
-Parts: TypeAlias = Mapping[str, dict[str, str]]  # attributes of a motor and its parts
+Parts: TypeAlias = Mapping[str, Element]  # a motor and its parts
 
 LAWS = {"state": "state", "pidposition": "pid_position", "pidspeed": "pid_speed"}
 SPEED_FILTER = -1e-3 / math.log(0.95)  # [s] 0.95 of the old speed a step of 1 ms
@@ -25,32 +25,39 @@ PARTS = ("motor", "rotor", "gear", "friction", "spring", "controller")
 
 
 def parts_of(element: Element, suffix: str, inherited: Parts) -> Parts:
-    """Return attributes of a motor and its parts, over those inherited from <default>."""
-    parts = {name: dict(inherited.get(name, {})) for name in PARTS}
-    for child in element:
-        name = child.tag.removesuffix(suffix) if suffix else child.tag
-        if child.tag == name + suffix and name in PARTS:
-            parts[name].update(child.attrib)
-    return parts
+    """Return a motor and its parts, over those inherited from <default>."""
+    return over(element, {name: name + suffix for name in PARTS}, inherited)
+
+
+def over(element: Element, tags: Mapping[str, str], inherited: Parts) -> Parts:
+    """Return properties of an element by name, over those inherited; tags: of the properties."""
+    found = dict(inherited)
+    for name, tag in tags.items():
+        own = element.find(tag)
+        if isinstance(own, Read):
+            own.under, found[name] = found.get(name), own
+    return found
 
 
 def spring_of(parts: Parts, numbers: Numbers, what: str) -> dict[str, Any]:
     """Return stiffness and reference of the spring of an axis; `zeropos` is in degrees, of sliders too."""
-    read = partial(numbers.one, Element("spring", parts["spring"]), what=f"{what} <spring>")
-    return {"stiffness": read("k", 0.0), "spring_reference": math.radians(read("zeropos", 0.0))}
+    k, zero = (numbers.one(parts.get("spring"), name, 0.0, f"{what} <spring>") for name in ("k", "zeropos"))
+    return {"stiffness": k, "spring_reference": math.radians(zero)}
 
 
-def servo_of(parts: Parts, numbers: Numbers, what: str) -> Servo | None:
-    """Return the servo of an axis; None if the motor is switched off."""
+def servo_of(parts: Parts, numbers: Numbers, what: str) -> tuple[Servo | None, dict[str, Any]]:
+    """Return the servo of an axis; without one, if the motor is switched off, what turns with the axis, of Joint."""
 
     def read(part: str, name: str, default: float) -> float:
-        return numbers.one(Element(part, parts[part]), name, default, f"{what} <{part}>")
+        return numbers.one(parts.get(part), name, default, f"{what} <{part}>")
 
     if not read("motor", "active", 1.0):
-        return None
+        ratio, J = read("gear", "ratio", 10.0), read("rotor", "J j", 0.0)
+        damping = read("friction", "bv", 1e-5) + (ratio**2 * read("rotor", "bv", 1e-3) if J else 0.0)
+        return None, {"damping": damping, "friction": read("friction", "fc", 1e-3), "armature": ratio**2 * J}
     return Servo(
-        _controller(read, parts["controller"].get("mode", "pidspeed"), what),
-        _gearbox(read, parts["gear"]),
+        _controller(read, parts, what),
+        _gearbox(read, parts.get("gear")),
         resistance=read("motor", "ri", 1.0),
         inductance=read("motor", "li", 0.0),
         motor_constant=read("motor", "ki", 0.014),
@@ -60,12 +67,13 @@ def servo_of(parts: Parts, numbers: Numbers, what: str) -> Servo | None:
         viscous_friction=read("friction", "bv", 1e-5),
         coulomb_friction=read("friction", "fc", 1e-3),
         speed_filter=SPEED_FILTER,
-    )
+    ), {}
 
 
-def _controller(read: Callable[[str, str, float], float], mode: str, what: str) -> Controller:
+def _controller(read: Callable[[str, str, float], float], parts: Parts, what: str) -> Controller:
     """Return the law; without gains if the controller is switched off."""
     period = 1e-3 * read("controller", "period", 10.0)
+    mode = parts["controller"].get("mode", "pidspeed") if "controller" in parts else "pidspeed"
     if mode not in LAWS:
         raise ValueError(f"{what}: controller mode {mode!r}; expected {', '.join(LAWS)}: use one of these")
     law: Any = LAWS[mode]
@@ -84,13 +92,12 @@ def _controller(read: Callable[[str, str, float], float], mode: str, what: str) 
     )
 
 
-def _gearbox(read: Callable[[str, str, float], float], stated: Mapping[str, str]) -> Gearbox:
-    ratio = read("gear", "ratio", 10.0)
-    J = read("rotor", "J", read("rotor", "j", 0.0))
+def _gearbox(read: Callable[[str, str, float], float], gear: Element | None) -> Gearbox:
+    ratio, J = read("gear", "ratio", 10.0), read("rotor", "J j", 0.0)
     rotor_damping = read("rotor", "bv", 1e-3) if J else 0.0
-    if "ke" not in stated:
+    if stated(gear, "ke") is None:
         return Gearbox(ratio, J, rotor_damping)
-    at_output = "be" in stated
+    at_output = stated(gear, "be") is not None
     stiffness = read("gear", "ke", 0.0) * (1.0 if at_output else ratio)
-    damping = read("gear", "be", 0.0) if at_output else ratio**2 * read("gear", "bv", 0.0)
+    damping = read("gear", "be bv", 0.0) * (1.0 if at_output else ratio**2)
     return Gearbox(ratio, J, rotor_damping, stiffness, damping)

@@ -15,12 +15,12 @@ from ...base.rotation import rotation_from_rpy
 from ...model import Base, Joint, Link, Propeller, Servo
 from ...model.sensor import Sensor
 from ...model.shapes import Shape
-from ..markup import Vector, read_markup
+from ..markup import Vector, children, read_markup
 from ..mjcf.tree import unused
 from ..report import Report
 from ..robot import MASSLESS, Robot
 from ..settings import Posture
-from .differences import SECTIONS, Differences, merge_repeated
+from .differences import SHELLS, SOLIDS, TOOLS, Differences, merge_repeated
 from .expression import Numbers, constants_of
 from .motors import Parts, parts_of, servo_of, spring_of
 from .sensors import Carrier, read_sensor
@@ -30,8 +30,12 @@ from .wheels import wheels_of
 WORLD = "world"
 FULL_TURN = 180.0  # [deg] a stop at or beyond it stops nothing
 TYPES = ("Hinge", "Slider", "Universal", "Ball", "Fixed")
-KINDS = SECTIONS["solids"][1].split()
 DAMPED = "left out that SimTwo takes 1e-5 of the velocity and 1e-3 of the turning of solids without <drag> a step"
+
+
+def is_simtwo(root: Element) -> bool:
+    """Return whether a file is of SimTwo."""
+    return root.tag == "scene" or any(child.tag == "solids" for child in root)
 
 
 def read_simtwo(
@@ -77,6 +81,7 @@ def read_simtwo(
             joints.append(_joint(axis, origins.get(axis.parent, NOTHING)))
     everything = [*solids, *(solid for solid, _ in parts)]
     sensors = _sensors(body, numbers, everything, origins, report, differences)
+    differences.look_through(body)
     differences.tell()
     if any(solid.immersed for solid in everything) and not member:
         report.remark(f"for drag and buoyancy of solids give fluid=Fluid({AIR}) to compile_scene")
@@ -93,9 +98,9 @@ def _propellers(
     """Return the propellers that joints turn, and say what drives belts and propellers."""
     named = {solid.link.name: solid for solid in solids}
     found = list[Propeller]()
-    for element in _all(body, "solids"):
+    for element in _all(body, "solids", SOLIDS):
         solid = named.get(attribute(element, "ID", "value", ""))
-        if element.tag in KINDS and solid is not None:
+        if solid is not None:
             found += tell_driven(element, solid, differences, axes)
     return tuple(found)
 
@@ -105,13 +110,12 @@ def _sensors(
     differences: Differences,
 ) -> tuple[Sensor, ...]:  # fmt: skip
     """Read the sensors; say what is read otherwise than SimTwo does, or not at all."""
-    differences.look_through(body)
     carriers, found = {}, list[Sensor]()
     for solid in solids:
         name = solid.link.name
         origin = np.array(origins.get(name, NOTHING))
         carriers[name] = Carrier(name, np.array(solid.position) - origin, rotation_from_rpy(solid.rpy), origin)
-    for element in (*_all(body, "sensors"), *_all(body, "tools")):
+    for element in (*_all(body, "sensors", TOOLS), *_all(body, "tools", TOOLS)):
         with report.blaming(element):
             taken = [one.name for one in found]
             sensor = read_sensor(element, numbers, carriers, carriers[solids[0].link.name], differences, taken)
@@ -132,7 +136,7 @@ def _only_robot(root: Element) -> Element:
 
 def name_of(robot: Element) -> str:
     """Return the name of a robot of a scene."""
-    return attribute(robot, "ID", "name", attribute(robot, "ID", "value", "robot"))
+    return attribute(robot, "ID", "name value", "robot")
 
 
 def file_of(path: Path, robot: Element) -> Path:
@@ -140,8 +144,8 @@ def file_of(path: Path, robot: Element) -> Path:
     return path.parent / attribute(robot, "body", "file", "")
 
 
-def _all(root: Element, tag: str) -> list[Element]:
-    return [child for part in root.iterfind(tag) for child in part]
+def _all(root: Element, section: str, tags: str) -> list[Element]:
+    return [child for part in root.iterfind(section) for child in children(part, tags.split())]
 
 
 # ---------------------------------------------------------------------------------------------- solids
@@ -150,7 +154,7 @@ def _all(root: Element, tag: str) -> list[Element]:
 def _solids(body: Element, numbers: Numbers, report: Report, differences: Differences) -> list[Solid]:
     """Read the valid solids; report what is wrong with others, and what some do in SimTwo alone."""
     solids: list[Solid] = []
-    elements = [element for element in _all(body, "solids") if element.tag in KINDS]
+    elements = _all(body, "solids", SOLIDS)
     for element in elements:
         with report.blaming(element):
             solid, named = solid_of(element, numbers), element.find("solid")
@@ -171,9 +175,7 @@ def _shells(
     """Read the valid shells; report others."""
     found: list[tuple[Solid, Axis]] = []
     by_name = {solid.link.name: solid for solid in solids}
-    for element in _all(body, "shells"):
-        if element.tag not in SECTIONS["shells"][1].split():
-            continue
+    for element in _all(body, "shells", SHELLS):
         named, mother = element.find("solid"), solids[0]
         if named is not None:
             mother = by_name.get(named.get("id", ""), mother)
@@ -191,15 +193,16 @@ def _shells(
 
 def _axes(body: Element, numbers: Numbers, report: Report) -> list[Axis]:
     """Read the axes of all valid articulations, each from the link nearer to the root; report others."""
-    names = [attribute(element, "ID", "value", "") for element in _all(body, "solids") if element.tag in KINDS]
+    names = [attribute(element, "ID", "value", "") for element in _all(body, "solids", SOLIDS)]
     ends: dict[int, tuple[str, str]] = {}
     found: list[tuple[Element, list[Parts]]] = []  # joints, with their motors' parts over those of the last <default>
     inherited: list[Parts] = [{}, {}]
-    for element in _all(body, "articulations"):
-        parts = [parts_of(element, suffix, defaults) for suffix, defaults in zip(("", "2"), inherited)]
+    for element in _all(body, "articulations", "joint default"):
+        both = element.tag == "default" or attribute(element, "type", "value", "") == "Universal"
+        parts = [parts_of(element, suffix, defaults) for suffix, defaults in zip(("", "2")[: 1 + both], inherited)]
         if element.tag == "default":
             inherited = parts
-        elif element.tag == "joint":
+        else:
             found.append((element, parts))
             with report.blaming(element):
                 ends[len(found) - 1] = _ends(element, names)
@@ -218,7 +221,7 @@ def _axes(body: Element, numbers: Numbers, report: Report) -> list[Axis]:
 def _ends(element: Element, names: list[str]) -> tuple[str, str]:
     """Return the two bodies of a joint, first the one that its angle belongs to."""
     what = f"joint {attribute(element, 'ID', 'value', '')!r}"
-    given = [attribute(element, "connect", f"B{k}", attribute(element, "connect", f"S{k}", "")) for k in (1, 2)]
+    given = [attribute(element, "connect", f"B{k} S{k}", "") for k in (1, 2)]
     first, second = (WORLD if name in ("0", WORLD) and name not in names else name for name in given)
     for name in (first, second):
         if name not in (*names, WORLD):
@@ -244,29 +247,30 @@ def _axes_of(
     first, second = ends
     child, sign = (second, -1.0) if parent == first else (first, 1.0)
     place = numbers.xyz(element.find("pos"), f"{what} <pos>")
-    if kind == "Ball":
+    if kind in ("Ball", "Fixed"):
         yield Axis(name, kind, parent, child, place, (1.0, 0.0, 0.0), (-360.0, 360.0), None, {}, element)
         return
     if kind != "Universal":
-        direction, limits, servo, spring = _motion(element, parts[0], numbers, "", what)
-        yield Axis(name, kind, parent, child, place, _scaled(direction, sign, what), limits, servo, spring, element)
+        direction, limits, servo, free = _motion(element, parts[0], numbers, "", what)
+        yield Axis(name, kind, parent, child, place, _scaled(direction, sign, what), limits, servo, free, element)
         return
     middle, order = f"{name}_cross", ("", "2") if parent == first else ("2", "")
     for suffix, ends_here in zip(order, ((parent, middle), (middle, child))):
-        direction, limits, servo, spring = _motion(element, parts[suffix == "2"], numbers, suffix, what)
+        direction, limits, servo, free = _motion(element, parts[suffix == "2"], numbers, suffix, what)
         joint = f"{name}_2" if suffix else name
-        yield Axis(joint, "Hinge", *ends_here, place, _scaled(direction, sign, what), limits, servo, spring, element)
+        yield Axis(joint, "Hinge", *ends_here, place, _scaled(direction, sign, what), limits, servo, free, element)
 
 
 def _motion(
     element: Element, parts: Parts, numbers: Numbers, suffix: str, what: str
 ) -> tuple[Vector, tuple[float, float], Servo | None, dict[str, Any]]:
-    """Return direction, limits, servo and spring of an axis; suffix: "2" for the second one of a universal joint."""
+    """Return direction, limits, servo and numbers of the joint of an axis; suffix: "2" for the second one."""
     default = (0.0, 0.0, 1.0) if suffix else (1.0, 0.0, 0.0)
     direction = numbers.xyz(element.find(f"axis{suffix}"), f"{what} <axis{suffix}>", default)
     stops = element.find(f"limits{suffix}")
     limits = tuple(numbers.one(stops, end, v, f"{what} <limits>") for end, v in (("Min", -360.0), ("Max", 360.0)))
-    return direction, (limits[0], limits[1]), servo_of(parts, numbers, what), spring_of(parts, numbers, what)
+    servo, free = servo_of(parts, numbers, what)
+    return direction, (limits[0], limits[1]), servo, free | spring_of(parts, numbers, what)
 
 
 def _scaled(direction: tuple[float, ...], sign: float, what: str) -> Vector:
@@ -296,7 +300,7 @@ def _robot(
         links=tuple(links),
         joints=tuple(joints),
         base=base,
-        servos={axis.name: axis.servo for axis in axes if axis.servo is not None and axis.kind != "Fixed"},
+        servos={axis.name: axis.servo for axis in axes if axis.servo is not None},
         shapes=tuple(
             Shape(solid.link.name, solid.geometry, place, solid.rpy, friction=solid.friction, surface=solid.surface)
             for solid, place in places
@@ -321,7 +325,7 @@ def _joint(axis: Axis, origin: Vector) -> Joint:
         return joint
     if axis.kind == "Ball":
         return replace(joint, type="ball")
-    joint = replace(joint, **axis.spring)
+    joint = replace(joint, **axis.numbers)
     lower, upper = axis.limits
     if lower > upper:
         unit = "m" if axis.kind == "Slider" else "deg"

@@ -17,10 +17,10 @@ from ...model.links import Vector
 from ...model.placed import SEPARATOR, Placed
 from ...model.sensor import Sensor
 from ...model.shapes import Shape
-from ..markup import Markup, read_markup
+from ..markup import Markup, children, read_markup
 from ..report import Report, blamed_on
 from ..robot import with_rollers
-from .differences import SECTIONS, Differences, merge_repeated
+from .differences import OBSTACLES, SOLIDS, TOOLS, Differences, merge_repeated
 from .expression import Numbers, constants_of
 from .read import quaternion_from_rpy
 from .sensors import WORLD, read_sensor
@@ -62,12 +62,12 @@ def read_solids(path: Path, markup: Markup, kind: str, strict: bool) -> tuple[li
         report = Report(lines, strict)
         numbers = Numbers(constants_of(body, constants_of(section.element, outer)))
         differences = Differences(file, report)
-        differences.look_through(body, kind)
-        for element in body:
-            if element.tag in SECTIONS[kind][1].split():
-                with report.blaming(element):
-                    name = f"{element.tag}{len(found)}"
-                    found.append(_placed(element, numbers, kind, section, name, differences))
+        for element in children(body, (SOLIDS if kind == "things" else OBSTACLES).split()):
+            with report.blaming(element):
+                name = f"{element.tag}{len(found)}"
+                found.append(_placed(element, numbers, kind, section, name, differences))
+        if section.file is not None:
+            differences.look_through(body)
         differences.tell()
         report.raise_problems(file)
         report.warn(file, stacklevel=5)
@@ -94,11 +94,11 @@ def _placed(
     element: Element, numbers: Numbers, kind: str, section: Section, name: str, differences: Differences
 ) -> Placed:
     """Make a model of one solid, whose frame is parallel to that of its section."""
-    solid = solid_of(element, numbers, name)
+    moves = kind == "things"
+    solid = solid_of(element, numbers, name, moves)
     tell_driven(element, solid, differences)
     name = (section.name + solid.link.name).replace(SEPARATOR, "_")
     link = replace(solid.link, name=LINK)
-    moves = kind == "things"
     model = Model(
         name, (link,), (), "floating" if moves else "fixed",
         shapes=(Shape(link.name, solid.geometry, rpy=solid.rpy, friction=solid.friction, surface=solid.surface),),
@@ -131,18 +131,12 @@ def read_rest(path: Path, root: Element, report: Report) -> tuple[Sensor, ...]:
     """
     found: list[Sensor] = []
     differences, numbers = Differences(path, report), Numbers(constants_of(root, {}))
-    differences.look_at_constants(root)
-    for element in root:
-        if element.tag in ("sensors", "tools"):
-            found += _sensors(path, element, numbers, report, [one.name for one in found])
-        elif element.tag == "track":
-            differences.add(element, "<track> is left out: write its lines as Ground(lines=[FloorLine(...)])")
-        elif element.tag in ("robot", "things", "obstacles", "obstacle"):
-            differences.look_at_constants(element)
-            if element.tag == "robot" and any(angles_of(element, numbers, "<robot>")[:2]):
-                differences.add(element, "<rot_deg> of <robot> turns about x and y too, and in SimTwo about z alone")
-        elif element.tag != "defines":
-            differences.add(element, f"<{element.tag}> is skipped, which SimTwo does not know either")
+    for element in children(root, ("sensors", "tools")):
+        found += _sensors(path, element, numbers, report, [one.name for one in found])
+    for element in root.iterfind("robot"):
+        if any(angles_of(element, numbers, "<robot>")[:2]):
+            differences.add(element, "<rot_deg> of <robot> turns about x and y too, and in SimTwo about z alone")
+    differences.look_through(root)
     differences.tell()
     return tuple(found)
 
@@ -150,8 +144,9 @@ def read_rest(path: Path, root: Element, report: Report) -> tuple[Sensor, ...]:
 def _sensors(path: Path, section: Element, outer: Numbers, report: Report, taken: list[str]) -> list[Sensor]:
     """Read the sensors that stand in the world, in a file or in the scene itself; taken: names that others have."""
     file, body, lines = path, section, report.lines
-    if "file" in section.attrib:
-        file = path.parent / section.attrib["file"]
+    apart = section.get("file")
+    if apart is not None:
+        file = path.parent / apart
         if not file.is_file():
             where = f"{path.name}, line {report.lines[section]}"
             report.doubt(f"{where}: there is no file {file.name}: its {section.tag} are left out")
@@ -161,12 +156,13 @@ def _sensors(path: Path, section: Element, outer: Numbers, report: Report, taken
     merge_repeated(body)
     own = Report(lines, report.strict)
     numbers, differences = Numbers(constants_of(body, outer.constants)), Differences(file, own)
-    differences.look_through(body, section.tag)
     found: list[Sensor] = []
-    for element in body:
+    for element in children(body, TOOLS.split()):
         with own.blaming(element):
             sensor = read_sensor(element, numbers, {}, WORLD, differences, [*taken, *(one.name for one in found)])
             found += [] if sensor is None else [sensor]
+    if apart is not None:
+        differences.look_through(body)
     differences.tell()
     own.raise_problems(file)
     own.warn(file, stacklevel=6)

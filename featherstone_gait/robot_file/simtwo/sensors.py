@@ -15,9 +15,11 @@ import numpy as np
 from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_from_rpy, rpy_from_rotation
 from ...model.sensor import RESERVED, LineSensor, RangeSensor, Sensor
+from ..markup import Read
 from ..mjcf.tree import unused
 from .differences import FLOOR, RAYS, Differences
 from .expression import Numbers
+from .solids import attribute
 
 OTHERS = {
     "imu": "a Session observes `gyroscope` and `accelerometer`",
@@ -51,14 +53,15 @@ def read_sensor(
 
     first: what carries one that names no solid; taken: names that others have.
     """
-    named = element.find("ID")
-    name = "" if named is None else named.get("name", named.get("value", ""))
+    name = attribute(element, "ID", "name value", "")
     what = f"<{element.tag}> {name!r}"
     if element.tag == "solenoid":
         differences.add(element, f"{what} is left out: {SOLENOID}", doubt=True)
     elif element.tag in OTHERS:
         differences.add(element, f"{what} is left out: {OTHERS[element.tag]}")
     if element.tag not in (*RAYS.split(), FLOOR):
+        if isinstance(element, Read):
+            element.whole = True
         return None
     solid, carrier = element.find("solid"), first
     if solid is not None:
@@ -88,11 +91,10 @@ def _sensor(element: Element, numbers: Numbers, carrier: Carrier, what: str, nam
     if element.tag == FLOOR:
         width = numbers.one(beam, "final_width", 0.0, f"{what} <beam>")
         return LineSensor(carrier.link, (tuple(position),), 0.5 * width, tuple(R[:, 0].tolist()), reach, name)
+    more: dict[str, Any] = {"position": tuple(position), "rpy": rpy_from_rotation(R), "reach": reach, "name": name}
+    if element.tag not in ("ranger2d", "sonar"):
+        return RangeSensor(carrier.link, np.array([[1.0, 0.0, 0.0]]), **more)
     angle = math.radians(numbers.one(beam, "angle", 30.0, f"{what} <beam>"))
     rays = max(3, round(numbers.one(beam, "rays", 9.0, f"{what} <beam>")))
-    more: dict[str, Any] = {"position": tuple(position), "rpy": rpy_from_rotation(R), "reach": reach, "name": name}
-    if element.tag == "ranger2d":
-        return RangeSensor.fan(carrier.link, angle, rays, **more)
-    if element.tag == "sonar":
-        return RangeSensor.cone(carrier.link, angle, rays, **more)
-    return RangeSensor(carrier.link, np.array([[1.0, 0.0, 0.0]]), **more)
+    make = RangeSensor.fan if element.tag == "ranger2d" else RangeSensor.cone
+    return make(carrier.link, angle, rays, **more)

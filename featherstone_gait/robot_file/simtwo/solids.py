@@ -17,7 +17,7 @@ from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from ...model.shapes import Box, Cylinder, Geometry, Sphere
 from ..markup import Vector
 from .differences import Differences
-from .expression import Numbers
+from .expression import Numbers, stated
 
 NOTHING = (0.0, 0.0, 0.0)
 AIR = 1.293  # [kg/m^3] density of the medium in SimTwo
@@ -60,14 +60,15 @@ class Axis(NamedTuple):
     direction: Vector
     limits: tuple[float, float]  # [deg or m]
     servo: Servo | None
-    spring: dict[str, Any]  # numbers of Joint
+    numbers: dict[str, Any]  # of Joint
     element: Element
 
 
-def attribute(element: Element, tag: str, name: str, default: str) -> str:
-    """Return an attribute of a child, or the default where there is none."""
+def attribute(element: Element, tag: str, names: str, default: str) -> str:
+    """Return the first of some attributes that a child has, or the default where there is none."""
     child = element.find(tag)
-    return default if child is None else child.get(name, default)
+    name = stated(child, names)
+    return default if child is None or name is None else child.get(name, default)
 
 
 def angles_of(element: Element, numbers: Numbers, what: str) -> Vector:
@@ -76,31 +77,32 @@ def angles_of(element: Element, numbers: Numbers, what: str) -> Vector:
     return x, y, z
 
 
-def solid_of(element: Element, numbers: Numbers, unnamed: str = "", massless: bool = False) -> Solid:
+def solid_of(element: Element, numbers: Numbers, unnamed: str = "", moves: bool = True) -> Solid:
     """Read a solid; raise ValueError for a wrong one.
 
-    unnamed: name of one without an ID; massless: whether it has no mass unless it states one.
+    unnamed: name of one without an ID; moves: whether it moves by itself, else it has no mass unless it states one.
     """
-    name, stated = attribute(element, "ID", "value", unnamed), element.find("mass")
+    name, own = attribute(element, "ID", "value", unnamed), element.find("mass")
     what = f"solid {name!r}"
-    mass = numbers.one(stated, "value", 0.0 if massless else 1.0, f"{what} <mass>")
+    mass = numbers.one(own, "value", 1.0 if moves else 0.0, f"{what} <mass>")
     geometry, (A, B, C), outlines = SHAPES[element.tag](element, numbers, what)
     rpy = angles_of(element, numbers, what)
     inertia: tuple[float, ...] = (mass * A, 0.0, 0.0, mass * B, 0.0, mass * C)
-    if stated is not None and "I11" in stated.attrib:
+    if moves and stated(own, "I11"):
         names = ("I11", "I12", "I13", "I22", "I23", "I33")
-        inertia = tuple(numbers.one(stated, name, 0.0, f"{what} <mass>") for name in names)
-    weightless = float(element.find("nogravity") is not None)
+        inertia = tuple(numbers.one(own, name, 0.0, f"{what} <mass>") for name in names)
+    weightless = float(moves and element.find("nogravity") is not None)
     link = Link(name, mass, NOTHING, inertia_tuple(turned_inertia(rotation_from_rpy(rpy), inertia)), weightless)
     mu = numbers.one(element.find("surface"), "mu", -1.0, f"{what} <surface>")  # SimTwo's "not stated"
     solid = Solid(link, numbers.xyz(element.find("pos"), f"{what} <pos>"), rpy, geometry, mu if mu >= 0 else None)
-    kind = attribute(element, "ID", "kind", "")
+    if not moves:
+        return solid
     if element.tag == "belt":
         solid = solid._replace(surface=Surface(along_x(rpy), command=BELT_SPEED))
     if element.tag == "propeller":
         thrust = numbers.one(element.find("thrust"), "coefficient", 0.1, f"{what} <thrust>")
         solid = solid._replace(thrust=thrust)
-    if kind in ROLLERS and isinstance(geometry, Cylinder):
+    if isinstance(geometry, Cylinder) and (kind := attribute(element, "ID", "kind", "")) in ROLLERS:
         solid = rolling(solid, geometry.radius, ROLLERS[kind], *ROLLING)
     immersed = [*_drag(element, numbers, solid, inertia, outlines), *_buoyancy(element, numbers, solid)]
     return solid._replace(immersed=tuple(immersed))
@@ -142,12 +144,12 @@ def _drag(
 
     inertia: in the solid's axes.
     """
-    stated = element.find("drag")
-    if stated is None:
+    own = element.find("drag")
+    if own is None:
         return []
     what = f"solid {solid.link.name!r} <drag>"
     shares = (("coefficient", 0.0), ("stokes", 1e-5), ("roll", 1e-3))
-    drag, linear, roll = (numbers.one(stated, name, default, what) for name, default in shares)
+    drag, linear, roll = (numbers.one(own, name, default, what) for name, default in shares)
     fifth, turning = _ball_radius(solid.geometry) ** 5, NOTHING
     if drag and fifth > 0:  # which it is not of the tiniest
         x, y, z = (outline * roll / fifth for outline in outlines)
@@ -176,15 +178,15 @@ def _buoyancy(element: Element, numbers: Numbers, solid: Solid) -> list[Immersed
     """Return what lifts a solid: a ball that displaces the stated mass, which is negative, of air."""
     found = []
     for tag in ("buoyant", "buoyance"):
-        stated = element.find(tag)
-        if stated is None:
+        own = element.find(tag)
+        if own is None:
             continue
         what = f"solid {solid.link.name!r} <{tag}>"
-        mass = numbers.one(stated, "mass", 0.0, what)
+        mass = numbers.one(own, "mass", 0.0, what)
         if mass > 0:
             raise ValueError(f"{what}: mass is {mass!r} kg; expected <= 0, which lifts: change its sign, or add <mass>")
         if mass < 0:
-            x, y, z = applied(rotation_from_rpy(solid.rpy), np.array(numbers.xyz(stated, what))).tolist()
+            x, y, z = applied(rotation_from_rpy(solid.rpy), np.array(numbers.xyz(own, what))).tolist()
             ball = Sphere(math.cbrt(-0.75 * mass / (math.pi * AIR)))
             found.append(Immersed(solid.link.name, ball, (x, y, z), stokes=0.0))
     return found
@@ -212,10 +214,10 @@ def placed_in(mother: Solid, solid: Solid) -> Solid:
 
 def shell_of(element: Element, numbers: Numbers, mother: Solid, name: str) -> tuple[Solid, Axis]:
     """Read a shell, which is fixed to a solid and placed in its frame."""
-    shell = placed_in(mother, solid_of(element, numbers, name, massless=True))
+    shell = placed_in(mother, solid_of(element, numbers, name, moves=False))
     link = replace(shell.link, name=name, gravity_compensation=mother.link.gravity_compensation)
     axis = Axis(name, "Fixed", mother.link.name, name, shell.position, (1.0, 0.0, 0.0), NOTHING[:2], None, {}, element)
-    return shell._replace(link=link, immersed=(), rollers=None, surface=None, thrust=0.0), axis
+    return shell._replace(link=link), axis
 
 
 def _cuboid(element: Element, numbers: Numbers, what: str) -> Shaped:
@@ -226,7 +228,7 @@ def _cuboid(element: Element, numbers: Numbers, what: str) -> Shaped:
 
 def _cylinder(element: Element, numbers: Numbers, what: str) -> Shaped:
     size = element.find("size")
-    r = numbers.one(size, "radius", numbers.one(size, "x", 1.0, f"{what} <size>"), f"{what} <size>")
+    r = numbers.one(size, "radius x", 1.0, f"{what} <size>")
     h = numbers.one(size, "z", 1.0, f"{what} <size>")
     return cylinder(r, h)
 
@@ -238,8 +240,11 @@ def cylinder(r: float, h: float) -> Shaped:
 
 
 def _sphere(element: Element, numbers: Numbers, what: str) -> Shaped:
-    size = numbers.one(element.find("size"), "radius", 1.0, f"{what} <size>")
-    r = numbers.one(element.find("radius"), "value", size, f"{what} <radius>")
+    own = element.find("radius")
+    if stated(own, "value"):
+        r = numbers.one(own, "value", 1.0, f"{what} <radius>")
+    else:
+        r = numbers.one(element.find("size"), "radius", 1.0, f"{what} <size>")
     moment, outline = 0.4 * r * r, math.pi * r * r
     return Sphere(r), (moment, moment, moment), (outline, outline, outline)
 

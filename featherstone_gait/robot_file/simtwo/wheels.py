@@ -9,13 +9,16 @@ from xml.etree.ElementTree import Element
 from ...base.rotation import rotation_from_rpy
 from ...model import Link
 from ...model.rigid_bodies import inertia_tuple, turned_inertia
+from ..markup import Read, children
 from ..mjcf.tree import unused
 from ..report import Report
 from .expression import Numbers
-from .motors import Parts, parts_of, servo_of, spring_of
+from .motors import Parts, over, parts_of, servo_of, spring_of
 from .solids import NOTHING, ROLLERS, ROLLING, Axis, Solid, attribute, cylinder, rolling
 
-CONTROLLER: Parts = {"controller": {"kp": "0.5", "kf": "0.5"}}  # defaults that differ from those of articulations
+CONTROLLER: Parts = {
+    "controller": Read("controller", {"kp": "0.5", "kf": "0.5"})
+}  # defaults that differ from those of articulations
 INHERITED = ("tyre", "surface", "offset", "omni")
 
 
@@ -25,16 +28,12 @@ def wheels_of(
     """Read the valid wheels and report others; first: the solid that carries them; taken: names of other links."""
     found: list[tuple[Solid, Axis]] = []
     motor: Parts = CONTROLLER
-    inherited: dict[str, Element] = {}
-    for element in body.iterfind("wheels/*"):
-        parts, own = parts_of(element, "", motor), dict(inherited)
-        for child in element:
-            if child.tag in INHERITED:
-                before = own[child.tag].attrib if child.tag in own else {}
-                own[child.tag] = Element(child.tag, {**before, **child.attrib})
+    inherited: Parts = {}
+    for element in (one for part in body.iterfind("wheels") for one in children(part, ("default", "wheel"))):
+        parts, own = parts_of(element, "", motor), over(element, {tag: tag for tag in INHERITED}, inherited)
         if element.tag == "default":
             inherited, motor = own, parts
-        elif element.tag == "wheel":
+        else:
             with report.blaming(element):
                 names = [*taken, *(solid.link.name for solid, _ in found)]
                 name = attribute(element, "ID", "value", f"W{len(found) + 1}")
@@ -70,6 +69,7 @@ def _wheel(
     solid = Solid(link, place, rpy, geometry, along)
     if "omni" in own:
         solid = rolling(solid, radius, ROLLERS["omni"], along, across)
-    servo, spring = servo_of(parts, numbers, what), spring_of(parts, numbers, what)
+    servo, free = servo_of(parts, numbers, what)
+    free |= spring_of(parts, numbers, what)
     stops = (-360.0, 360.0)
-    return solid, Axis(name, "Hinge", first, link.name, place, (-x, -y, 0.0), stops, servo, spring, element)
+    return solid, Axis(name, "Hinge", first, link.name, place, (-x, -y, 0.0), stops, servo, free, element)
