@@ -445,7 +445,7 @@ def _slope(run, columns, slope):
     derivative(at, slope)
 
 
-@kernel
+@apart
 def _euler(ended, run, columns):
     """Take a linearly implicit Euler step; once the interval has ended, find the branches on which one would start."""
     scene, x, offsets, t, h = run.scene, columns, run.offsets[0], run.work.pace[SINCE], columns.h[0]
