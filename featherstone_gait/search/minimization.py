@@ -90,9 +90,8 @@ def minimize(
         bounds=bounds, seed=seed,
     )  # fmt: skip
     batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once", MOST)
-    functions("map", "evaluate", "callback", map=map, evaluate=evaluate, callback=callback)
+    functions("fun", "map", "evaluate", "callback", fun=fun, map=map, evaluate=evaluate, callback=callback)
     if evaluate is None:
-        functions(fun=fun)
         check_map(fun, map)
     progress, resume = truth("progress", progress), truth("resume", resume)
     history = None if history is None else path("history", history)

@@ -87,7 +87,7 @@ def minimize_noisy(
     repeats = whole("repeats", repeats, 2, "a standard error needs two", MOST)
     batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once", MOST)
     seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
-    functions("map", fun=fun, map=map)
+    functions("fun", "map", fun=fun, map=map)
     check_map(fun, map)
     progress = truth("progress", progress)
     check_search("search", search)

@@ -78,7 +78,7 @@ def run_together(
         whole(name, value, 1, "there must be at least 1")
     for search in searches:
         check_search("searches", search)
-    functions("map", fun=fun, map=map)
+    functions("fun", "map", fun=fun, map=map)
     check_map(fun, map)
     progress, evaluations, batch = truth("progress", progress), int(evaluations), int(batch)
     runs = [_Run(search, evaluations) for search in searches]

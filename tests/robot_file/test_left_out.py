@@ -322,7 +322,7 @@ MOTOR = """<motor{0} ri="2{1}" li="0.1{1}" ki="0.02{1}" vmax="12{1}" imax="3{1}"
 <friction{0} bv="0.1{1}" fc="0.2{1}" coulomblimit="1"/><spring{0} k="2{1}" zeropos="1{1}"/>
 <encoder{0} ppr="100" mean="1" stdev="1"/>
 <controller{0} mode="{2}" kp="2{1}" ki="3{1}" kd="4{1}" kf="5{1}" period="2{1}" active="1"/>"""
-IDLE = MOTOR.replace(' active="1"/>', "/>")
+IDLE = MOTOR.replace(' active="1"/>', "/>")  # on where the default is
 JOINT = """<joint><ID value="j"/><pos x="0.1" y="0.2" z="0.3"/><axis x="0.1" y="0.2" z="1" wrap="1"/>
 <axis2 x="0.1" y="1" z="0.2"/><limits Min="-20" Max="30"/><limits2 Min="-21" Max="31"/><connect B1="b" B2="a"/>
 <type value="Hinge"/>%s%s<draw radius="1"/><desc Eng="x"/></joint>"""
@@ -335,13 +335,13 @@ SIMTWO = f"""<robot><kind value="humanoid"/><defines><const name="c" value="0.2"
 <solids><cuboid><ID value="a"/><size x="c" y="d" z="c"/></cuboid><cuboid><ID value="e"/></cuboid>
 {SOLID % ("cuboid", "b", "a", "cuboid")}</solids>
 <shells>{SOLID % ("sphere", "pad", "b", "sphere")}</shells>
-<articulations><default>{IDLE.format("", "5", "pidposition")}
-{IDLE.format("2", "5", "pidposition")}</default>
+<articulations><default>{MOTOR.format("", "5", "pidposition")}
+{MOTOR.format("2", "5", "pidposition")}</default>
 <joint><ID value="i"/><axis2 x="1"/><connect B1="e" B2="a"/><type value="Universal"/></joint>
-{JOINT % (MOTOR.format("", "", "state"), MOTOR.format("2", "", "state"))}</articulations>
-<wheels><default><omni/>{TYRE.format("5")}{IDLE.format("", "5", "pidposition")}</default>
+{JOINT % (IDLE.format("", "", "state"), IDLE.format("2", "", "state"))}</articulations>
+<wheels><default><omni/>{TYRE.format("5")}{MOTOR.format("", "5", "pidposition")}</default>
 <wheel><axis angle="90"/></wheel><wheel><ID value="w"/><axis angle="3"/>
-{TYRE.format("")}{MOTOR.format("", "", "state")}</wheel></wheels>
+{TYRE.format("")}{IDLE.format("", "", "state")}</wheel></wheels>
 <sensors>{SENSOR % "one"}</sensors><tools>{SENSOR % "two"}</tools><gearbox/></robot>"""
 THINGS = f"""<scene><defines><const name="c" value="0.2"/></defines>
 <things>{SOLID % ("cuboid", "b", "a", "cuboid")}</things>
