@@ -17,7 +17,6 @@ import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: threads of all workers would wait awake
 
-import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo"
 from featherstone_gait.core.compile import progress
 from featherstone_gait.core.compile.jit import JIT
 
