@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..optimize.search import AMPLITUDE, MAX_MISS
-from ..search import AdaptiveSimulatedAnnealing, cma_es, run_together
+from ..search import AdaptiveSimulatedAnnealing, cma_es, differential_evolution, dual_annealing, run_together
 from ..search.ask_tell import Search
 from ..view.style import COLORS as STYLE
 from ..view.style import look
@@ -26,7 +26,6 @@ from ..walking.cost import WalkingCost
 from ..walking.gait import bounds
 from .claim import Claim, classify, question
 from .common import draw_band, draw_marks, subplots
-from .search_methods import differential_evolution, dual_annealing
 from .walks import finished, planned_walk, recompiled
 
 PAPERS = "adaptive simulated annealing"
