@@ -10,7 +10,6 @@ optimization resorting to an improved simulation model", Int. J. Advanced Roboti
 from .claim import Claim, ClaimTable, Verdict, classify, format_claims, number, question
 
 EXPERIMENTS = (  # modules, in the paper's order
-    "simulators_world",
     "servo_step",
     "arm_fall",
     "servo_terms",

@@ -54,7 +54,6 @@ OWN_COLUMNS = ("Question", "Here", "Answer", "Why and where")
 DOTS_PER_INCH = 150  # of pictures
 SHOWN_PER_INCH = 105  # CSS pixels, on a page that is wide enough
 MINUTES = {  # that an experiment takes on two cores, compiled before: quick, full
-    "simulators_world": (0.4, 0.5),
     "servo_step": (0.1, 0.1), "arm_fall": (0.1, 0.2), "servo_terms": (0.1, 0.1), "identification": (0.3, 2),
     "seven_joint_arm": (0.4, 1.5), "ratio_and_joints": (0.3, 1), "energy_repeatability": (0.4, 0.7),
     "posture": (0.3, 0.7),
