@@ -13,7 +13,6 @@ EXPERIMENTS = (  # modules, in the paper's order
     "servo_step",
     "arm_fall",
     "servo_terms",
-    "identification",
     "seven_joint_arm",
     "ratio_and_joints",
     "energy_repeatability",
