@@ -12,7 +12,6 @@ from .claim import Claim, ClaimTable, Verdict, classify, format_claims, number, 
 EXPERIMENTS = (  # modules, in the paper's order
     "servo_step",
     "arm_fall",
-    "servo_terms",
     "seven_joint_arm",
     "ratio_and_joints",
     "energy_repeatability",
