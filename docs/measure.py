@@ -1,6 +1,6 @@
 """Measure what the pages quote and no command of the package writes; keep the reports of searches.
 
-    python docs/measure.py                          all tables, some ten minutes of two cores
+    python docs/measure.py                          all tables, an hour of two cores
     python docs/measure.py plans pushes             by name
     python docs/measure.py keep humanoid_gait.json docs/reproduction/gait_seed_1.json
 
@@ -16,7 +16,7 @@ import itertools
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -25,12 +25,32 @@ import numpy as np
 
 from featherstone_gait import Ground, compile_scene, load_robot
 from featherstone_gait.base.files import Format, complete, write_csv
-from featherstone_gait.optimize import walking_cost
+from featherstone_gait.benchmark.robots import anymal, g1
+from featherstone_gait.crosscheck import crosscheck
+from featherstone_gait.crosscheck.floors import FLOORS
+from featherstone_gait.optimize import AMPLITUDE, optimize_gait, walking_cost
+from featherstone_gait.optimize.feedback import search_feedback
 from featherstone_gait.optimize.quality import TEST_WORLDS, measure_in_test_worlds
 from featherstone_gait.reproduction import solver_scatter
-from featherstone_gait.walking import BIOLOID_WALK, WalkingCost, WalkSettings, cheapest_plan, read_walk, walking_plan
+from featherstone_gait.reproduction.walks import finished
+from featherstone_gait.search import cma_es, run
+from featherstone_gait.walking import (
+    BIOLOID_WALK,
+    BalancedWalk,
+    Feedback,
+    Motion,
+    WalkingCost,
+    WalkSettings,
+    balanced,
+    bounds,
+    cheapest_plan,
+    generic_feedback,
+    motion_of,
+    read_walk,
+    walking_plan,
+)
 from featherstone_gait.walking.cheapest_plan import CheapestPlan, States, fit_states
-from featherstone_gait.walking.cost_in_worlds import in_worlds
+from featherstone_gait.walking.cost_in_worlds import CostInWorlds, in_worlds
 from featherstone_gait.walking.disturbed import pushes_survived, rough_field, walk_far
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -60,15 +80,19 @@ def _cost_of_start(cost: WalkingCost) -> Row:
     return {"own_J_per_m": own.cost, "own_m_per_s": own.speed, "worlds_J_per_m": eight}
 
 
+def _elsewhere(cost: WalkingCost, x: np.ndarray | BalancedWalk) -> Row:
+    """Share of 200 worlds that no search has seen in which a gait walks, and percentiles of its cost there."""
+    (found,) = measure_in_test_worlds(cost, [x], TEST_WORLDS)
+    low, median, high = found["cost"] or ("", "", "")
+    return {"walks": found["walks"], "p5_J_per_m": low, "p50_J_per_m": median, "p95_J_per_m": high}
+
+
 def plans() -> Iterable[Row]:
     """Measure the plain and the cheapest plan on their own ground, in eight worlds and in 200 others."""
     for states in ("step", "stride"):
         for plan in ("plain", "cheapest"):
             cost = _plain(states) if plan == "plain" else _cheapest(states).cost
-            (found,) = measure_in_test_worlds(cost, [cost.gait.to_vector()], TEST_WORLDS, False)
-            low, median, high = found["cost"]
-            others = {"walks": found["walks"], "p5_J_per_m": low, "p50_J_per_m": median, "p95_J_per_m": high}
-            yield {"plan": plan, "states": states, **_cost_of_start(cost), **others}
+            yield {"plan": plan, "states": states, **_cost_of_start(cost), **_elsewhere(cost, cost.gait.to_vector())}
 
 
 def previews() -> Iterable[Row]:
@@ -176,8 +200,106 @@ def posture() -> Iterable[Row]:
             yield {"gearbox": gearbox, "sweeps": sweeps, "mass": mass, **dict(zip(names, found))}
 
 
+def worlds() -> Iterable[Row]:
+    """Search for energy alone on the robot's own floor (0) and in worlds, by two methods; walk in 200 other worlds."""
+    first, n = _plain("step"), 800
+    x0, limits = first.gait.to_vector(), bounds(first.scene.model, first.gait)
+    for count in (0, 1, 2, 4, 8):
+        cost = in_worlds(first, count) if count else first
+        for method in ("annealing", "CMA-ES"):
+            if method == "annealing":
+                found = finished(optimize_gait(cost, iterations=n - 1, no_progress=n))
+            else:
+                asks = cma_es(x0, amplitude=AMPLITUDE, bounds=limits)
+                found = finished(run(asks, cost, evaluations=n, map=type(cost).costs, batch=n))
+            own = first.measure([found.x])[0]
+            costs = {"own_J_per_m": own.cost, "own_m_per_s": own.speed, **_elsewhere(first, found.x)}
+            yield {"method": method, "worlds": count, **costs}
+
+
+ROBOTS: dict[str, Callable[[], WalkingCost]] = {  # and the walks from which their searches begin
+    "complete humanoid": lambda: walking_cost(load_robot("humanoid"), states="step"), "ANYmal B": anymal, "G1": g1,
+}  # fmt: skip
+
+
+@functools.cache
+def _walk_of(robot: str) -> WalkingCost:
+    return ROBOTS[robot]()
+
+
+@functools.cache
+def _found(robot: str) -> np.ndarray:
+    return finished(optimize_gait(in_worlds(_walk_of(robot), 8), iterations=400, no_progress=400)).x
+
+
+@functools.cache
+def _found_with_feedback(robot: str) -> tuple[np.ndarray, Feedback]:
+    result = finished(search_feedback(in_worlds(_walk_of(robot), 8), iterations=200))
+    return result.x_poses, result.walk.feedback
+
+
+def _motion(cost: WalkingCost, x: np.ndarray) -> Motion:
+    return motion_of(cost.gait.from_vector(x), cost.start, cost.blend_strides)
+
+
+def _gaits(robot: str) -> Iterator[tuple[str, np.ndarray | BalancedWalk]]:
+    """Yield the first gait, the one found in eight worlds, and of the G1 both with feedback."""
+    cost = _walk_of(robot)
+    yield "first", cost.gait.to_vector()
+    yield "400 candidates", _found(robot)
+    if robot == "G1":
+        gains = generic_feedback(cost.scene.model)
+        yield "first, feedback", _balanced_walk(cost, cost.gait.to_vector(), gains)
+        yield "200 candidates, feedback", _balanced_walk(cost, *_found_with_feedback(robot))
+
+
+def _balanced_walk(cost: WalkingCost, x: np.ndarray, gains: Feedback | None = None) -> BalancedWalk:
+    return balanced(cost.scene, _motion(cost, x), gains, mirror=cost.gait.mirror)
+
+
+def _on_own_ground(cost: WalkingCost, x: np.ndarray | BalancedWalk) -> Row:
+    alone = CostInWorlds(cost, [cost.scene], np.zeros((1, len(cost.gait.joint_names))))
+    own = alone.measure([x])[0][0]
+    return {"own_J_per_m": own.cost, "own_m_per_s": own.speed, "cost_of_transport": own.cost_of_transport}
+
+
+def robots() -> Iterable[Row]:
+    """Walk with other robots on their own ground, in the eight worlds of the search and in 200 others; push the G1."""
+    for robot in ROBOTS:
+        cost = _walk_of(robot)
+        for gait, x in _gaits(robot):
+            eight, _ = in_worlds(cost, 8).costs([x])[0]
+            pushed: float | str = ""
+            if robot == "G1":
+                walk = x if isinstance(x, BalancedWalk) else _balanced_walk(cost, x)
+                pushed = float(pushes_survived(cost.scene, walk, 4, feedback=walk is x).mean())
+            costs = {**_on_own_ground(cost, x), "worlds_J_per_m": eight, **_elsewhere(cost, x), "pushes_N_s": pushed}
+            yield {"robot": robot, "gait": gait, **costs}
+
+
+def floors() -> Iterable[Row]:
+    """Walk with other robots on twelve floors in MuJoCo, and here, on soles of spheres."""
+    for robot in ROBOTS:
+        cost = _walk_of(robot)
+        for gait, x in _gaits(robot):
+            own = _on_own_ground(cost, x)
+            motion = x if isinstance(x, BalancedWalk) else _motion(cost, x)
+            for floor in FLOORS:
+                (row,) = crosscheck(motion, cost.scene.model, floors=[floor], soles=["spheres"])["floors"]
+                both = {"mujoco": row["mujoco"], "here": row["own"]}
+                names = {"walks": "walks", "end": "end_s", "cost": "cost_J_per_m", "speed": "speed_m_per_s"}
+                yield {
+                    "robot": robot, "gait": gait, "own_J_per_m": own["own_J_per_m"], "own_m_per_s": own["own_m_per_s"],
+                    "floor": floor, "sinking_m": row["sinking"],
+                    **{f"{side}_{names[key]}": "" if walked[key] is None else walked[key]
+                       for side, walked in both.items() for key in names},
+                }  # fmt: skip
+
+
 TABLES: dict[str, Callable[[], Iterable[Row]]] = {
-    each.__name__: each for each in (plans, previews, grounds, across, pushes, solver, arm, posture)
+    each.__name__: each for each in (
+        plans, previews, grounds, across, pushes, worlds, robots, floors, solver, arm, posture,
+    )
 }
 
 

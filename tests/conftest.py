@@ -17,7 +17,6 @@ import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: threads of all workers would wait awake
 
-import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo"
 from featherstone_gait.core.compile import progress
 from featherstone_gait.core.compile.jit import JIT
 
@@ -30,7 +29,7 @@ import kinds  # noqa: E402, from support/
 
 APART = ("test_notebooks.py", "test_docs.py", "test_docs_tables.py", "test_published_robots.py")
 LONGEST = """
-    notebooks gear_friction beyond_the_paper integrators simulation crash optimize worlds study springs
+    notebooks gear_friction integrators simulation crash optimize worlds study springs
     crosscheck firmware error_estimate ars343 cache maximal cli linearization physics_servo walking coupling
     equilibrium physics_contact session controller limits cost plan simulation_reproducibility physics_shapes
     continued preflight supply cheapest_plan

@@ -8,18 +8,14 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 
-from ..core import ADDING_INTEGRATORS, add_integrators
-
 
 def process_pool(count: int) -> ProcessPoolExecutor:
     """Make an executor of `count` processes, none of them forked."""
     context = get_context("spawn")
-    return ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(ADDING_INTEGRATORS,))
+    return ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
 
 
-def _begin(adding_integrators: list[str]) -> None:
-    for module in adding_integrators:
-        add_integrators(module)
+def _begin() -> None:
     parent = parent_process()
     if parent is not None:
         threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()

@@ -106,8 +106,6 @@ simulate(scene, 0.1, initial_state(scene, {{model.name: closed(model)}}))
 """
 )
 LINKS = 'scene = compile_scene(load_robot("humanoid"), gearbox="mipsd", ground=Ground(), pairs="all")\n'
-MAXIMAL = "from featherstone_gait.reproduction import maximal\n"
-SIMTWO = MAXIMAL + HUMANOID.format(', integrator="simtwo", timestep=1e-3')
 ABA = """
 import numpy as np
 from featherstone_gait import forward_dynamics
@@ -142,7 +140,6 @@ KINDS = {  # first results
     "two boxes that touch": TOUCHING.format((0.05, 0.15), "all"),
     "five boxes that touch": TOUCHING.format((0.05, 0.15, 0.25, 0.35, 0.45), "all"),
     "humanoid whose links touch": LINKS + "simulate(scene, 0.1)",
-    "constraints and sweeps": SIMTWO + "maximal.simulate(scene, 0.1)",
 }
 COMMANDS = "simulate arm7", "simulate humanoid"
 PROGRAMS = {kind: TIMED.format(code) for kind, code in KINDS.items()} | {

@@ -44,15 +44,14 @@ from ..base.progress import progress_bar
 from ..crosscheck.floors import FLOORS, WARM_UP
 from ..crosscheck.in_mujoco import TIMESTEP, Floor, replay, sinking, standing
 from ..model import Ground
-from ..reproduction import in_bullet
 from ..robot_file import load_robot, save_robot
 from ..run.simulate import simulate, standing_state
 from ..run.trajectory import Trajectory
-from ..scene.compile import CompiledScene
+from ..scene.compile import CompiledScene, compile_scene
 from ..view.style import COLORS, look, subplots
 from ..walking.cost import measured as walked
 from ..walking.motion import Motion, read_motion
-from . import contact, creep, first, gradients, rollouts
+from . import contact, creep, first, gradients, in_bullet, rollouts
 from .case import Case
 from .costs import Point, cheapest, steady
 from .engines import quick_mujoco
@@ -303,7 +302,8 @@ def _walked(one: rollouts.Engine, exact: np.ndarray, h: float) -> Once:
 
 def gaits() -> Iterator[Method]:
     """Yield walks of the optimized gait; MuJoCo and Bullet have its servos and rotors in NumPy beside them."""
-    scene = in_bullet.humanoid()
+    # The ground here only defines what counts as a fall.
+    scene = compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
     motion = read_motion(Path(scene.model.source).parent / "optimized_gait.npz", scene.model.joint_names)
     yield Method("ours", "midpoint", (TIMESTEP,), partial(_gait, scene, motion, _own_walk))
     if installed(ENGINES["MuJoCo"]):
@@ -338,7 +338,7 @@ def _mujoco_walk(scene: CompiledScene, motion: Motion, end: float) -> float | No
 
 
 def _bullet_walk(scene: CompiledScene, motion: Motion, end: float) -> float | None:
-    return in_bullet.walk(scene, motion, in_bullet.FLOORS["soft"], STRIDES).cost
+    return in_bullet.walk(scene, motion, STRIDES)
 
 
 def _cost(scene: CompiledScene, run: Trajectory, motion: Motion, end: float) -> float | None:

@@ -49,6 +49,7 @@ BENCHMARKS = {
     "session": Benchmark("robots stepped tick by tick, beside one call", "session.csv", 2),
     "linearize": Benchmark("columns of a linear model, beside MuJoCo's", "linearize.csv", 2),
     "gradients": Benchmark("gradients of runs, beside MuJoCo's and Pinocchio's", "gradients.csv", 5),
+    "objects": Benchmark("robots that carry, tread on, are hit; beside MuJoCo", "objects.csv", 3),
     "rays": Benchmark("rays a second of range sensors, beside MuJoCo's", "rays.csv", 1),
     "first": Benchmark("CPU time to a first result", "first.csv", 10),
 }

@@ -3,7 +3,7 @@
 Writes reproduction.html, .md and .csv, and the folder reproduction_files (pictures, and finished experiments to
 continue from).
 
-Takes some five minutes on two cores; after Ctrl-C the same command goes on.
+Takes some four minutes on two cores; after Ctrl-C the same command goes on.
 
   featherstone-gait reproduce servo_step arm_fall
   featherstone-gait reproduce --full --out paper

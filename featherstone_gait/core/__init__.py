@@ -21,19 +21,3 @@ name is one thing everywhere, and their docstrings explain other arguments alone
 
 Forces of joints are in N m, of sliding ones in N; their slopes -dT/dv in N m s/rad or N s/m.
 """
-
-import sys
-from importlib import import_module
-
-ADDING_INTEGRATORS: list[str] = []
-
-
-def add_integrators(module: str) -> None:
-    """Have a module outside of `core`, which adds to `INTEGRATORS`, imported as soon as these are.
-
-    Worker processes import it too (base/processes.py).
-    """
-    if module not in ADDING_INTEGRATORS:
-        ADDING_INTEGRATORS.append(module)
-    if f"{__name__}.integrate" in sys.modules:
-        import_module(module)

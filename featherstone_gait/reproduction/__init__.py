@@ -5,22 +5,13 @@ where nothing is random, without progress where nothing takes long), `check(resu
 dict[caption, Figure]`; `featherstone-gait reproduce` runs them.  The paper is J. Lima et al., "Humanoid gait
 optimization resorting to an improved simulation model", Int. J. Advanced Robotic Systems 10 (2013), doi
 10.5772/54766.
-
-Its simulator's order of updates is the integrator "simtwo", which importing this package adds to those of
-`compile_scene`.
 """
 
-from ..core import add_integrators
 from .claim import Claim, ClaimTable, Verdict, classify, format_claims, number, question
 
-add_integrators(f"{__name__}.simtwo")
-
-EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
-    "simulators_world",
+EXPERIMENTS = (  # modules, in the paper's order
     "servo_step",
     "arm_fall",
-    "servo_terms",
-    "identification",
     "seven_joint_arm",
     "ratio_and_joints",
     "energy_repeatability",
@@ -29,8 +20,6 @@ EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "gait_optimization",
     "noisy_searches",
     "what_stops",
-    "method_comparison",
-    "robustness",
     "complete_humanoid",
 )
 

@@ -54,13 +54,11 @@ OWN_COLUMNS = ("Question", "Here", "Answer", "Why and where")
 DOTS_PER_INCH = 150  # of pictures
 SHOWN_PER_INCH = 105  # CSS pixels, on a page that is wide enough
 MINUTES = {  # that an experiment takes on two cores, compiled before: quick, full
-    "simulators_world": (0.4, 0.5),
-    "servo_step": (0.1, 0.1), "arm_fall": (0.1, 0.2), "servo_terms": (0.1, 0.1), "identification": (0.3, 2),
+    "servo_step": (0.1, 0.1), "arm_fall": (0.1, 0.2),
     "seven_joint_arm": (0.4, 1.5), "ratio_and_joints": (0.3, 1), "energy_repeatability": (0.4, 0.7),
     "posture": (0.3, 0.7),
     "solver_scatter": (0.9, 6), "gait_optimization": (0.4, 8.5), "noisy_searches": (0.3, 15), "what_stops": (0.3, 13),
-    "method_comparison": (0.3, 1.3), "robustness": (0.3, 1.6),
-    "complete_humanoid": (0.4, 1.4),
+    "complete_humanoid": (0.2, 0.8),
 }  # fmt: skip
 
 

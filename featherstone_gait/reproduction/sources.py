@@ -35,7 +35,7 @@ def digest_of(files: list[Path]) -> str:
 def reached(file: Path) -> set[Path]:
     """Return a file and all files of the package that it loads, including imports inside functions."""
     found: set[Path] = set()
-    left = [file, Path(__file__).with_name("simtwo.py")]  # which the package loads by its name
+    left = [file]
     while left:
         path = left.pop()
         if path not in found:

@@ -1,26 +1,16 @@
-"""Studies that run for hours: results kept in files, tables, and their command line."""
+"""Studies that run for hours: searches kept in files, tables, and their command line."""
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
-from ..base.files import FilePath, Format, complete, read_json, write_csv
+from ..base.files import FilePath, Format, write_csv
 from .sources import digest
-
-
-def kept(path: Path, form: Format, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Return the content of a JSON file; if there is none, make the content and write it first."""
-    if not path.exists():
-        content = json.dumps({"format": str(form)} | make())
-        with complete(path) as temporary:
-            temporary.write_text(content, "utf-8")
-    return read_json(path, form)
 
 
 def search_history(folder: str, what: str, seed: int) -> dict[str, Any]:
@@ -32,11 +22,10 @@ def search_history(folder: str, what: str, seed: int) -> dict[str, Any]:
     return {"history": Path(folder) / f"{key}_{seed}.jsonl", "resume": True}
 
 
-def write_rows(path: FilePath, form: Format, rows: Sequence[Any], module: str, columns: Sequence[str] = ()) -> None:
-    """Write rows as CSV, with the digest of a module's sources; columns: by default the fields of a row's class."""
-    names = columns or [field.name for field in fields(rows[0])]
-    cells = (row if columns else astuple(row) for row in rows)
-    write_csv(path, form, names, cells, f"sources {digest(Path(module))}")
+def write_rows(path: FilePath, form: Format, rows: Sequence[Any], module: str) -> None:
+    """Write records as CSV, with the digest of a module's sources."""
+    names = [field.name for field in fields(rows[0])]
+    write_csv(path, form, names, map(astuple, rows), f"sources {digest(Path(module))}")
 
 
 def table_arguments(

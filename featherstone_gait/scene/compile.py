@@ -406,8 +406,8 @@ def compile_scene(
         Ground under the contact points; its stiffness scales with the robot's weight.  None: the robot touches nothing.
     integrator : str, optional
         With fixed steps "implicit_euler", "midpoint" or "rk4"; with error control "ars343", "extrapolation" or, for
-        scenes that are not stiff, "dop853".  None chooses "ars343" or "dop853" from the stiffness of the scene.  After
-        ``import featherstone_gait.reproduction`` also "simtwo", the paper's order of updates.
+        scenes that are not stiff, "dop853".  None chooses "ars343" or "dop853" from the stiffness of the scene.
+        "simtwo" is the order of updates of another program, for comparison.
     timestep : float, optional
         Step [s]; it must divide the controllers' period.  For integrators with error control it is the grid of
         controller ticks and records.  None chooses it.

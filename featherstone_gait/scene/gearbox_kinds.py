@@ -11,7 +11,7 @@ GearboxKind = Literal[
 ]
 IntegratorName = Literal[
     "implicit_euler", "midpoint", "rk4", "ars343", "extrapolation", "dop853",
-    "simtwo",  # of `featherstone_gait.reproduction`
+    "simtwo",  # the order of updates of another program, for comparison
 ]  # fmt: skip
 GEARBOX_KINDS: tuple[GearboxKind, ...] = get_args(GearboxKind)
 

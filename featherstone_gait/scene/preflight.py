@@ -227,8 +227,6 @@ def _choice(options: SceneOptions, clipped: bool, check: Preflight) -> tuple[str
         timestep = real("timestep", timestep, SHORTEST, LONGEST, "give seconds, 1e-3 is usual")
     if chosen is None:
         chosen, reason = _integrator(clipped, check)
-    elif isinstance(chosen, str) and chosen == "simtwo" and chosen not in INTEGRATORS:
-        raise ValueError("integrator 'simtwo' is the paper's: import featherstone_gait.reproduction first")
     else:
         one_of("integrator", chosen, INTEGRATORS)
     return chosen, (1e-3 if clipped else 5e-4) if timestep is None else timestep, reason

@@ -18,7 +18,9 @@ from .cma_es import cma_es
 from .minimization import minimize
 from .noisy import minimize_noisy
 from .run import run, run_together
+from .scipy_methods import differential_evolution, dual_annealing
 
 __all__ = [
-    "AdaptiveSimulatedAnnealing", "cma_es", "minimize", "minimize_noisy", "run", "run_together",
+    "AdaptiveSimulatedAnnealing", "cma_es", "differential_evolution", "dual_annealing", "minimize", "minimize_noisy",
+    "run", "run_together",
 ]  # fmt: skip

@@ -21,11 +21,10 @@ from ..base.arguments import shown
 from ..base.files import FilePath, Format, is_number, parse_json
 from ..base.line_file import LineFile
 from ..base.progress import progress_bar
-from ..core import ADDING_INTEGRATORS, add_integrators
 from .measures import COLUMNS, run_batch
 from .plot import plot_study
 from .sensitivity import write_sensitivity
-from .settings import Setup, Study
+from .settings import Study
 from .table import check_parquet, write_parquet, write_table
 
 QUEUED = 256  # batches handed to the executor at a time: bounds memory, and is enough to keep a cluster busy
@@ -125,13 +124,6 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _run_batch(adding_integrators: list[str], setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
-    """Run a batch, in a process that may not yet have the integrators which other packages add."""
-    for module in adding_integrators:
-        add_integrators(module)
-    return run_batch(setup, points)
-
-
 def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar: tqdm) -> None:
     """Submit all missing runs to the executor, and log their results."""
     running: dict[Future, list[int]] = {}
@@ -139,7 +131,7 @@ def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar
 
     def submit(runs: list[int]) -> None:
         points = [study.values(run) for run in runs]
-        running[executor.submit(_run_batch, ADDING_INTEGRATORS, study.setup, points)] = runs
+        running[executor.submit(run_batch, study.setup, points)] = runs
 
     def collect() -> None:
         """Wait for a batch and log it; one that failed is tried again.

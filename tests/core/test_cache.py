@@ -137,16 +137,6 @@ run = simulate(scene, 0.01, initial_state(scene, [0.3]))
 stats = rollout_one.stats
 print(run["q"][-1, 0].hex(), sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), jit.CACHE_FOLDER)
 """
-SERVO = """
-import featherstone_gait.reproduction
-from featherstone_gait import compile_scene, load_robot, simulate
-from featherstone_gait.core.compile import jit
-from featherstone_gait.core.integrate.rollout import rollout_one
-
-run = simulate(compile_scene(load_robot("ax12_arm"), "standard", None, INTEGRATOR, 1e-3), 0.01, estimate_error=False)
-stats = rollout_one.stats
-print(run["q"][-1, 0].hex(), sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), jit.CACHE_FOLDER)
-"""
 DRIVEN = "import law; scene = replace(scene, constants=scene.constants._replace(actuator=law.Spring(np.ones(1))))"
 
 
@@ -164,17 +154,19 @@ def test_code_for_types_from_outside_is_never_stale_and_harms_nobody(package, tm
 
 
 @pytest.mark.long
-def test_kernels_of_a_package_that_adds_its_sources_are_kept_and_only_they_grow_stale(package, tmp_path):
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    shutil.copytree(Path(__file__).parents[2] / "robots", package / "robots")
-    free, paper = (SERVO.replace("INTEGRATOR", repr(name)) for name in ("implicit_euler", "simtwo"))
+def test_kernels_of_a_module_that_adds_its_sources_are_kept_and_only_they_grow_stale(package, tmp_path):
+    cache, driven = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, OUTSIDE.replace("PLACE", DRIVEN)
+    law = LAW + "\nfrom featherstone_gait.core.compile.jit import add_sources\nadd_sources(__name__, __file__)\n"
+    free = OUTSIDE.replace("PLACE", "")
     assert [run(package, program=free, **cache)[1:3] for _ in range(2)] == [(0, 1), (1, 0)]
-    first = run(package, program=paper, **cache)
-    assert first[1:3] == (0, 1)
-    assert run(package, program=paper, **cache) == (first[0], 1, 0, first[3])
-    source = package / "featherstone_gait" / "reproduction" / "simtwo.py"
-    source.write_text(source.read_text("utf-8") + "# edited", "utf-8")
-    assert run(package, program=paper, **cache) == first
+    (package / "law.py").write_text(law.replace("FACTOR", "1.0"), "utf-8")
+    weak = run(package, program=driven, **cache)
+    assert weak[1:3] == (0, 1)
+    assert run(package, program=driven, **cache) == (weak[0], 1, 0, weak[3])
+    (package / "law.py").write_text(law.replace("FACTOR", "9.0"), "utf-8")
+    strong = run(package, program=driven, **cache)
+    assert strong[1:3] == (0, 1)
+    assert strong[0] != weak[0]
     assert run(package, program=free, **cache)[1:3] == (1, 0)
 
 

@@ -1,8 +1,6 @@
 """The integrators against closed forms, against each other and against their own orders and tolerances."""
 
 import math
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -468,18 +466,3 @@ def test_error_control_is_not_taken_for_a_fall():
     run = simulate(scene, 0.3, thrown(scene, 0.02), record=("base_q",), rtol=1e-5)
     assert run.ok
     assert run.end_time == pytest.approx(0.3)
-
-
-def test_the_papers_integrator_asks_for_its_import():
-    program = """
-from featherstone_gait import compile_scene, load_robot
-try:
-    compile_scene(load_robot("arm7"), "standard", None, "simtwo", 1e-3)
-except ValueError as error:
-    print(error)
-import featherstone_gait.reproduction
-print(compile_scene(load_robot("arm7"), "standard", None, "simtwo", 1e-3).integrator)
-"""
-    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
-    assert "import featherstone_gait.reproduction" in said.splitlines()[0]
-    assert said.splitlines()[1] == "simtwo"

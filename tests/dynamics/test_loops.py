@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from random_tree import random_states, random_tree
 
-import featherstone_gait.reproduction  # noqa: F401, the integrator simtwo
 from featherstone_gait import (
     Joint,
     Link,

@@ -130,6 +130,11 @@ def test_the_library_knows_neither_the_paper_nor_the_benchmarks_nor_the_command_
     assert [(module, name) for module in inner for name in all_imports(module) if within(name, *outer)] == []
 
 
+def test_benchmarks_know_nothing_of_the_paper():
+    found = [(module, name) for module in modules_of("benchmark") for name in all_imports(module)]
+    assert [(module, name) for module, name in found if within(name, "featherstone_gait.reproduction")] == []
+
+
 def test_imports_make_no_circle():
     """Between files, imports inside functions included; a package does not count as imported by what is in it."""
     graph = {

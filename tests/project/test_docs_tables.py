@@ -48,8 +48,8 @@ def test_reports_are_kept_without_the_machine_and_the_candidates(tmp_path):
 @pytest.mark.parametrize(
     ("name", "count"),
     [
-        ("plans", 1), ("previews", 5), ("grounds", 10), ("across", 2), ("pushes", 1), ("solver", 2), ("arm", 3),
-        ("posture", 2),
+        ("plans", 1), ("previews", 5), ("grounds", 10), ("across", 2), ("pushes", 1), ("worlds", 1), ("robots", 1),
+        ("floors", 1), ("solver", 2), ("arm", 3), ("posture", 2),
     ],
 )
 def test_measured_again_the_first_rows_of_a_table_are_the_stored_ones(name, count):

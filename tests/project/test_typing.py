@@ -9,7 +9,6 @@ import pytest
 from featherstone_gait.core.integrate import INTEGRATORS
 from featherstone_gait.envs.environment import RenderMode, Stand
 from featherstone_gait.model.placed import OF_SCENE, PlacedGearbox
-from featherstone_gait.reproduction.common import EXPLICIT
 from featherstone_gait.scene.gearbox_kinds import GEARBOX_KINDS, IntegratorName
 
 RIGHT = """
@@ -40,7 +39,7 @@ load_robot("humanoid", mimic="coupling")
 
 
 def test_the_words_are_those_that_the_program_knows():
-    assert {*get_args(IntegratorName)} == {*INTEGRATORS, EXPLICIT}
+    assert {*get_args(IntegratorName)} == {*INTEGRATORS}
     assert {*get_args(PlacedGearbox)} == {*GEARBOX_KINDS, OF_SCENE}
     assert [*get_args(RenderMode)] == Stand.metadata["render_modes"]
 

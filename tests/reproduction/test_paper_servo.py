@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from featherstone_gait.reproduction import arm_fall, servo_step, servo_terms
+from featherstone_gait.identification import changed
+from featherstone_gait.reproduction import arm_fall, servo_step
 from featherstone_gait.reproduction.common import ENCODER_STEP
-from featherstone_gait.robot_file import load_servo
+from featherstone_gait.robot_file import load_robot, load_servo
 
 
 @pytest.fixture(scope="module")
@@ -112,27 +113,32 @@ def test_friction_identified_without_the_rotor_does_not_carry_over(fall):
 
 def test_a_rotors_damper_brakes_g_squared_as_strongly():
     """As one at the output, but for the gearbox between; and Table 2's number there would hold an arm for hours."""
-    result = servo_terms.run()
-    output, rotor, printed = (
-        result.falls[name] for name in (servo_terms.OUTPUT, servo_terms.ROTOR, servo_terms.PRINTED)
-    )
-    assert 0.0 < np.abs(rotor - output).max() < ENCODER_STEP
+    arm = load_robot("ax12_arm")
+    (servo,) = arm.servos.values()
+    B, G = servo.viscous_friction, servo.gearbox.ratio
+
+    def fallen(viscous_friction, rotor_damping):
+        model = changed(arm, viscous_friction=viscous_friction, rotor_damping=rotor_damping)
+        return arm_fall.released(model, "mipsd", [0.5 * math.pi], 2.0, 5e-4)[1][0]
+
+    output = fallen(B, 0.0)
+    assert 0.0 < np.abs(fallen(0.0, B / G**2) - output).max() < ENCODER_STEP
     assert output.min() < 0.0
-    assert math.degrees(np.ptp(printed)) < 0.2
-    speeds = list(result.no_load.values())
-    assert speeds[:2] == pytest.approx([5.590] * 2, abs=1e-3)
-    assert speeds[2] == pytest.approx(0.0026, abs=1e-4)
-    assert [claim.item for claim in servo_terms.check(result)] == ["Eq. 2", "Fig. 3"]
+    assert math.degrees(np.ptp(fallen(0.0, B))) < 0.2
 
 
 def test_the_speed_error_damps_until_filter_and_ticks_let_it_rattle():
-    result = servo_terms.run()
-    overshoots = [result.overshoot(Kd) for Kd in (0.0, 0.5, 1.0)]
-    assert overshoots[0] > 0.02
-    assert overshoots[1] < 0.2 * overshoots[0]
-    rms = [result.rms[Kd] for Kd in (0.0, 0.5, 1.0, 2.0, 4.0)]
-    assert rms == sorted(rms, reverse=True)
-    assert result.rattle(8.0) > ENCODER_STEP > result.rattle(4.0)
+    """Overshoots of a step of 60 degrees, and its last fifth of a second."""
+    arm, goal = load_robot("ax12_arm"), math.radians(60.0)
+    steps = [
+        servo_step.driven(changed(arm, Kd=Kd), "mipsd", servo_step.step_to(goal), 1.0, 5e-4, record=("q",))["q"][:, 0]
+        for Kd in (0.0, 0.5, 4.0, 8.0)
+    ]
+    none, some, quiet, rattling = steps
+    assert none.max() > 1.02 * goal
+    assert some.max() - goal < 0.2 * (none.max() - goal)
+    last = -len(none) // 5
+    assert np.ptp(rattling[last:]) > ENCODER_STEP > np.ptp(quiet[last:])
 
 
 @pytest.mark.long

@@ -343,10 +343,10 @@ def test_every_experiment_explains_its_settings(name):
 @pytest.mark.long
 def test_results_belong_to_the_sources_that_their_experiment_loads(tmp_path):
     """All that Python loads with an experiment is counted, and what it never loads is not."""
-    code = "import sys; import featherstone_gait.reproduction.method_comparison; print(*filter(None, (getattr(m, "
+    code = "import sys; import featherstone_gait.reproduction.complete_humanoid; print(*filter(None, (getattr(m, "
     code += "'__file__', None) for n, m in sys.modules.items() if n.startswith('featherstone_gait'))), sep='\\n')"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    counted = sources.reached(sources.PACKAGE / "reproduction" / "method_comparison.py")
+    counted = sources.reached(sources.PACKAGE / "reproduction" / "complete_humanoid.py")
     assert {Path(path) for path in loaded} <= counted
     inside = {path.relative_to(sources.PACKAGE).as_posix() for path in counted}
     assert "search/cma_es.py" in inside  # imported by a package's __init__

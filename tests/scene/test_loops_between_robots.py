@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from touching import G
 
-import featherstone_gait.reproduction  # noqa: F401, the integrator simtwo
 from featherstone_gait import (
     Box,
     Ground,

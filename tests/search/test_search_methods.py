@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 from scipy.optimize import rosen
 
-from featherstone_gait.reproduction.search_methods import differential_evolution, dual_annealing, inverted
-from featherstone_gait.search import AdaptiveSimulatedAnnealing, cma_es, minimize, run, run_together
+from featherstone_gait.search import (
+    AdaptiveSimulatedAnnealing,
+    cma_es,
+    differential_evolution,
+    dual_annealing,
+    minimize,
+    run,
+    run_together,
+)
 from featherstone_gait.search.generations import FALLEN, Generations
+from featherstone_gait.search.scipy_methods import inverted
 
 ENDLESS = dict(max_iterations=10**6, no_progress=10**6)
 START = np.array([0.9, -0.7, 0.5, 0.8])

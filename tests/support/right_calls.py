@@ -525,6 +525,9 @@ def _searches() -> Iterator[Call]:
         },
     )
     yield Call("cma_es", search.cma_es, start | {"population": 5})
+    box = {"bounds": start["bounds"], "seed": start["seed"], "x0": start["x0"]}
+    yield Call("differential_evolution", search.differential_evolution, start | {"population": 5})
+    yield Call("dual_annealing", search.dual_annealing, box | {"initial_temp": 5230.0, "local_search": False})
     many = {"fun": square, "map": map, "batch": 1, "progress": False}
     yield Call("run", lambda **how: search.run(**_made(how)), many | {"search": paper, "evaluations": 4})
     yield Call(

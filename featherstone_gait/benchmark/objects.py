@@ -16,21 +16,20 @@ and ours the penetration that the robot has there.  Contact between bodies has M
 and a penetration of 1 mm under the weight of the robot here: at 0.1 mm a step of `midpoint` does not resolve a hit,
 and the ball bounces.  MuJoCo is an extra: pip install featherstone-gait[mjcf].
 
-    python -m featherstone_gait.reproduction.walks_with_objects TABLE.csv
+    featherstone-gait benchmark objects        three minutes
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from ..base.files import Format
-from ..base.progress import progress_bar
 from ..base.rotation import rotation_from_quaternion, rotation_from_rpy
 from ..crosscheck import Floor, replay, sinking, standing
 from ..dynamics import forward_kinematics
@@ -45,12 +44,9 @@ from ..run.simulate import initial_state, simulate
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene, compile_scene
 from ..walking import Motion, motion_of, read_motion
-from .other_robots import anymal
-from .sources import PACKAGE
-from .tables import table_arguments, write_rows
+from .robots import anymal
+from .table import machine, tabulate
 
-TABLE = Format("table of walks with objects")
-GAIT = PACKAGE.parent / "robots" / "humanoid" / "optimized_gait.npz"
 STEP, EVERY, PENETRATION = 5e-4, 1e-2, 1e-3  # [s], [s], [m]
 FRICTION, RUBBER = 0.9, 2.0
 CARRIED = RUBBER, 1.5, 1.2, 1.0, FRICTION  # of a box that is carried
@@ -64,17 +60,16 @@ WAYS = {"ahead": (-1.0, 0.0), "behind": (1.0, 0.0), "left": (0.0, -1.0)}  # of w
 BALL, SPEED, APART = 0.03, 2.0, 0.05  # radius [m], speed [m/s], and distance from the robot at the start [m]
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """Hold the result of one task in one engine."""
 
-    task: str
-    engine: str
-    stands: bool  # until the end
-    end_s: float
-    moved: float  # by the object, or the momentum survived
-    unit: str = "m"  # of it
-    speed_m_per_s: float | None = None
+    task: Annotated[str, "task", "<20"]
+    engine: Annotated[str, "engine", "<7"]
+    stands: Annotated[bool, "stands", "6"]  # until the end
+    end_s: Annotated[float, "end [s]", "8.2f"]
+    moved: Annotated[float, "moved", "9.2g"]  # by the object, or the momentum survived
+    unit: Annotated[str, "", "<4"] = "m"  # of it
+    speed_m_per_s: Annotated[float, "m/s", "7.3f"] = math.nan
 
 
 @dataclass(frozen=True)
@@ -184,12 +179,12 @@ def _geom(shape: Any) -> dict[str, Any]:
 # ---------------------------------------------------------------------------------------------- tasks
 
 
-def carry(friction: float, strides: int = STRIDES) -> Task:
+def carry(friction: float) -> Task:
     """Walk with a box on the forearms."""
     model = load_robot("humanoid", locked="simplified")
     raised = {f"{side}_front_shoulder": 0.5 * math.pi for side in ("left", "right")}
     model = replace(model, locked={**model.locked, **raised})
-    motion, size, top = read_motion(GAIT, model.joint_names), (0.06, 0.2, 0.04), 0.0
+    motion, size, top = _gait_of(model), (0.06, 0.2, 0.04), 0.0
     poses = forward_kinematics(model, np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *motion.start[0]]]))
     rows = {link.name: k for k, link in enumerate(model.links)}
     links = ARMS
@@ -200,24 +195,24 @@ def carry(friction: float, strides: int = STRIDES) -> Task:
         middles.append(at + turn @ np.array(shape.xyz))
         top = float(middles[-1][2] + 0.5 * (np.abs(turn) @ np.array(shape.geometry.size))[2])
     place = float(np.mean(middles, axis=0)[0]), 0.0, top + 0.5 * size[2]
-    task = _task(f"carry, friction {friction:g}", model, motion, strides, Box(size), 0.05, place, links)
+    task = _task(f"carry, friction {friction:g}", model, motion, STRIDES, Box(size), 0.05, place, links)
     return replace(task, friction=friction)
 
 
-def plank(strides: int = STRIDES) -> Task:
+def plank() -> Task:
     """Trot over a board."""
     cost = anymal()
     model, motion = cost.scene.model, motion_of(cost.gait, cost.start, blend_strides=cost.blend_strides)
     links = tuple(dict.fromkeys(point.link for point in model.contacts))
     size = 0.3, 0.9, 0.02
-    task = _task("plank", model, motion, strides, Box(size), 2.0, (0.65, 0.0, 0.0), links)
+    task = _task("plank", model, motion, STRIDES, Box(size), 2.0, (0.65, 0.0, 0.0), links)
     return replace(task, place=(0.65, 0.0, 0.5 * size[2]), on_ground=True)
 
 
 def hit(origin: str, momentum: float) -> Task:
     """Stand, and be hit by a ball."""
     model = load_robot("humanoid", locked="simplified")
-    motion = read_motion(GAIT, model.joint_names)
+    motion = _gait_of(model)
     (trunk,) = (shape for shape in model.shapes if shape.link == model.root)
     assert isinstance(trunk.geometry, Box)
     way = np.array([*WAYS[origin], 0.0])
@@ -246,12 +241,16 @@ def push(origin: str, momentum: float) -> Task:
         middle, tip = shoulders[0][0], left[0]
     far = float(np.abs(way) @ half) + float(left[1][0]) + APART
     x, y, z = middle - far * way - turn @ tip
-    motion = read_motion(GAIT, model.joint_names)
+    motion = _gait_of(model)
     links = model.root, *(shape.link for shape in model.shapes if "shoulder" in shape.link or "upper_arm" in shape.link)
     task = _task("push", model, motion, PUSHED_STRIDES, Sphere(BALL), other.mass, (x, y, z), links)
     speed, yaw = momentum / other.mass * way, math.atan2(way[1], way[0])
     quaternion = math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)
     return replace(task, velocity=(float(speed[0]), float(speed[1]), 0.0), other=other, turn=quaternion)
+
+
+def _gait_of(model: Model) -> Motion:
+    return read_motion(Path(model.source).parent / "optimized_gait.npz", model.joint_names)
 
 
 def _spot(model: Model, link: str) -> tuple[np.ndarray, np.ndarray]:
@@ -285,7 +284,7 @@ ENGINES: dict[str, Engine] = {"here": here, "MuJoCo": in_mujoco}
 def carried(task: Task, engine: str) -> Row:
     """Measure how far the box slips on the arms after the first strides."""
     run, thing = ENGINES[engine](task)
-    settled = read_motion(GAIT, task.model.joint_names).begin(WARM_UP)
+    settled = _gait_of(task.model).begin(WARM_UP)
     seen = np.stack([
         rotation_from_quaternion(base[3:]).T @ (at - base[:3]) for base, at in zip(run["base_q"], thing[:, :3])
     ])  # fmt: skip
@@ -316,23 +315,15 @@ def survived(make: Callable[[str, float], Task], origin: str, engine: str) -> Ro
     return Row(name, engine, True, end, MOMENTA[low - 1] if low else 0.0, "N s")
 
 
-def rows(strides: int = STRIDES) -> list[Row]:
+def rows() -> Iterator[Row]:
     """Do all tasks in both engines."""
     jobs: list[Callable[[str], Row]] = [
-        *(partial(carried, carry(friction, strides)) for friction in CARRIED),
-        partial(trodden, plank(strides)), *(partial(survived, make, origin) for make in (hit, push) for origin in WAYS),
+        *(partial(carried, carry(friction)) for friction in CARRIED), partial(trodden, plank()),
+        *(partial(survived, make, origin) for make in (hit, push) for origin in WAYS),
     ]  # fmt: skip
-    return [job(engine) for job in progress_bar(jobs, "tasks") for engine in ENGINES]
+    return (job(engine) for job in jobs for engine in ENGINES)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Write the table."""
-    given = table_arguments("Walk and stand with objects, here and in MuJoCo", arguments, strides=STRIDES)
-    found = rows(given.strides)
-    for row in found:
-        print(row)
-    write_rows(given.table, TABLE, found, __file__)
-
-
-if __name__ == "__main__":
-    main()
+def run(out_dir: Path, full: bool = False) -> list[Row]:
+    """Print the table; write objects.csv into `out_dir`; `full` changes nothing."""
+    return tabulate(out_dir / "objects.csv", Row, rows(), machine())

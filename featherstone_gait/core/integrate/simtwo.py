@@ -10,24 +10,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.compile.by_type import by_type
-from ..core.compile.jit import add_sources, inline
-from ..core.compile.lanes import clamp
-from ..core.compile.structure import structure
-from ..core.effects.actuator import motor_of
-from ..core.effects.decay import FILTER_DECAY
-from ..core.effects.energies import ENERGIES, FRICTION, GEAR, WORK
-from ..core.effects.gearbox import wind_up
-from ..core.effects.mipsd_servo import MipsdServo
-from ..core.effects.motor import add_electrical, current_step
-from ..core.effects.rigid_servo import RigidServo
-from ..core.effects.supply import move_source
-from ..core.integrate import INTEGRATORS
-from ..core.integrate.integrator import Integrator, Sizes, scratch, take_step
-from ..core.step.advance import step_trees
-from ..core.step.context import NEWTON_TOLERANCE, Scratch, Step
-
-add_sources(__name__, __file__)
+from ..compile.by_type import by_type
+from ..compile.jit import inline
+from ..compile.lanes import clamp
+from ..compile.structure import structure
+from ..effects.actuator import motor_of
+from ..effects.decay import FILTER_DECAY
+from ..effects.energies import ENERGIES, FRICTION, GEAR, WORK
+from ..effects.gearbox import wind_up
+from ..effects.mipsd_servo import MipsdServo
+from ..effects.motor import add_electrical, current_step
+from ..effects.rigid_servo import RigidServo
+from ..effects.supply import move_source
+from ..step.advance import step_trees
+from ..step.context import NEWTON_TOLERANCE, Scratch, Step
+from .integrator import Integrator, Sizes, scratch, take_step
 
 
 @structure
@@ -115,4 +112,4 @@ def _workspace(sizes: Sizes, zeros: Any) -> SimTwo:
     return SimTwo(scratch(sizes, zeros), zeros(sizes.n))
 
 
-INTEGRATORS["simtwo"] = SIMTWO = Integrator("simtwo", 1, _workspace, drives=(RigidServo, MipsdServo), closes=False)
+SIMTWO = Integrator("simtwo", 1, _workspace, drives=(RigidServo, MipsdServo), closes=False)

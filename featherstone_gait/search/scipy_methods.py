@@ -1,4 +1,4 @@
-"""Search methods of SciPy by ask and tell, with which the paper's search is compared.
+"""Search methods of SciPy by ask and tell.
 
 References: R. Storn, K. Price, "Differential evolution - a simple and efficient heuristic for global optimization over
 continuous spaces", J. Global Optimization 11 (1997); the strategy is SciPy's default, best/1/bin.  Y. Xiang et al.,
@@ -16,11 +16,10 @@ from threading import Thread
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from ..base.arguments import real, truth, whole
-from ..search.ask_tell import check_start
-from ..search.generations import MOST, Generations, Method
+from .ask_tell import check_start
+from .generations import MOST, Generations, Method
 
 POPULATION = 50  # SciPy's 15 D are 600 evaluations a generation for a gait of forty angles
 Evaluate = Callable[[Sequence[np.ndarray]], list[float]]
@@ -31,12 +30,36 @@ Answers = SimpleQueue[list[float] | None]
 def differential_evolution(
     x0: ArrayLike, *, amplitude: ArrayLike, bounds: ArrayLike, seed: int = 0, population: int = POPULATION
 ) -> Generations:
-    """Return the search, which has no end, within finite `bounds` (D, 2).
+    """Create a search by differential evolution, which has no end.
 
-    The first of the population is `x0` (D,), but for its last bit; the others are uniform within `amplitude` of it, a
-    number or (D,), and the bounds: of gaits drawn from all that the joints allow hardly one walks.  Raises ValueError
-    for bounds that are not finite or do not hold x0, an amplitude that is not positive and a population below 5.
+    The first of the population is `x0`, but for its last bit; the others are uniform within `amplitude` of it and the
+    bounds: of gaits drawn from all that the joints allow hardly one walks.
+
+    Parameters
+    ----------
+    x0 : array_like, shape (D,)
+        First vector.
+    amplitude : float or array_like, shape (D,)
+        How far from x0 the first population is, in its units.
+    bounds : array_like, shape (D, 2)
+        Lower and upper bounds, finite.
+    seed : int
+        Seed.
+    population : int
+        Size of a generation, at least 5.
+
+    Returns
+    -------
+    Generations
+        The search.
+
+    Raises
+    ------
+    ValueError
+        For bounds that are not finite or do not hold x0, an amplitude that is not positive and a population below 5.
     """
+    from scipy import optimize  # slow to import
+
     if amplitude is None:
         raise ValueError("amplitude is None; give how far from x0 the first are to be, a number or (D,)")
     x0, box = _check_start("differential evolution", x0, bounds, amplitude)
@@ -60,13 +83,36 @@ def differential_evolution(
 def dual_annealing(
     x0: ArrayLike, *, bounds: ArrayLike, seed: int = 0, initial_temp: float = 5230.0, local_search: bool = False
 ) -> Generations:
-    """Return the search, from `x0` (D,) within finite `bounds` (D, 2); it has no end.
+    """Create a search by dual annealing, which has no end.
 
-    `initial_temp` is SciPy's; SciPy's visiting steps scale with it, not with the box.  `local_search` turns L-BFGS-B
-    with differences over 1e-8 on, as is SciPy's default: for costs that are smooth on that scale, which a gait's with
-    its impacts is not.  A start whose cost is not finite is left by wandering until one is.  Raises ValueError for
-    bounds that are not finite or do not hold x0.
+    A start whose cost is not finite is left by wandering until one is.
+
+    Parameters
+    ----------
+    x0 : array_like, shape (D,)
+        First vector.
+    bounds : array_like, shape (D, 2)
+        Lower and upper bounds, finite.
+    seed : int
+        Seed.
+    initial_temp : float
+        SciPy's; its visiting steps scale with it, not with the box.
+    local_search : bool
+        Turns L-BFGS-B with differences over 1e-8 on, as is SciPy's default: for costs that are smooth on that scale,
+        which a gait's with its impacts is not.
+
+    Returns
+    -------
+    Generations
+        The search.
+
+    Raises
+    ------
+    ValueError
+        For bounds that are not finite or do not hold x0.
     """
+    from scipy import optimize  # slow to import
+
     x0, box = _check_start("dual annealing", x0, bounds)
     seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     initial_temp = real("initial_temp", initial_temp, 0.01, 5e4, "SciPy's range; 5230 is usual")

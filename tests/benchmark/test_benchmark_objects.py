@@ -5,8 +5,8 @@ import published
 import pytest
 
 from featherstone_gait.base.rotation import rotation_from_quaternion
+from featherstone_gait.benchmark import objects as study
 from featherstone_gait.dynamics import forward_kinematics
-from featherstone_gait.reproduction import walks_with_objects as study
 
 ENGINES = sorted(study.ENGINES)
 

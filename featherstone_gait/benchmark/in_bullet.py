@@ -1,4 +1,4 @@
-"""Gaits of the humanoid in Bullet: do they walk in an engine whose contact is neither ours nor MuJoCo's?
+"""The humanoid's walk in Bullet, whose contact is neither ours nor MuJoCo's.
 
 Bodies, joints and contact are Bullet's (`pip install pybullet`), the servos are those of `crosscheck/servo_chain.py`.
 Bullet applies a constant torque to each joint over a step.  It has no rotors, so they are integrated beside it: with
@@ -6,13 +6,7 @@ the motor's torque and the joint's speed held over a step, a rotor on the spring
 an exact solution by a matrix exponential, and the joint gets the mean torque of the gear over the step.  Then the twist
 of the gear is corrected by the actual motion of the joint.  The replay is of first order in the step.
 
-The hard floor is Bullet's default; the soft one has a spring and a damper under each contact point.  Soles are spheres,
-and friction is Bullet's pyramid.  Each gait walks 20 strides after two, on both floors with three friction
-coefficients.
-
-    python -m featherstone_gait.reproduction.in_bullet TABLE.csv
-
-writes a row for each gait and floor, and resumes with those that are not in TABLE.csv.
+The floor has a spring and a damper under each contact point.  Soles are spheres, and friction is Bullet's pyramid.
 """
 
 from __future__ import annotations
@@ -21,65 +15,25 @@ import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
-from importlib.metadata import version
-from itertools import product
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
-from weakref import finalize
 
 import numpy as np
 from scipy.linalg import expm
 
-from ..base.files import Format, read_csv, write_csv
-from ..base.progress import progress_bar
 from ..core.effects.push import EVENT_MARGIN
-from ..crosscheck.floors import STRIDES, WARM_UP
+from ..crosscheck.floors import WARM_UP
 from ..crosscheck.in_mujoco import RADIUS, SETTLING, TIMESTEP, evaluated, standing
-from ..crosscheck.servo_chain import ServoChain, is_gentle
-from ..model import Gearbox, Ground, Model, Servo
-from ..robot_file import load_robot, save_robot
-from ..scene.compile import CompiledScene, compile_scene
-from ..walking.cost import LEAST_SPEED
-from ..walking.motion import Motion, read_motion
-from .sources import PACKAGE, digest, digest_of
-from .tables import table_arguments
+from ..crosscheck.servo_chain import ServoChain
+from ..model import Gearbox, Model
+from ..scene.compile import CompiledScene
+from ..walking.motion import Motion
+from .engines import reread
+from .methods import world
 
 ITERATIONS = 200  # of Bullet's solver in each step
 OWN_DAMPING = 0.1  # of the robot's own in each contact [N s/m], Bullet's default, which it adds to the floor's
-TABLE = Format("table of gaits in Bullet")
-COLUMNS = ["gait", "floor", "friction", "walks", "end_s", "cost_J_per_m", "speed_m_per_s", "sideways_m", "sinking_m"]
-GAITS = {  # file in the repository, and whether the gait is that which its search began with
-    "first": ("robots/humanoid/optimized_gait.npz", True),
-    "seed 0": ("robots/humanoid/optimized_gait.npz", False),
-    "seed 1": ("docs/reproduction/gait_seed_1.npz", False),
-    "seed 2": ("docs/reproduction/gait_seed_2.npz", False),
-    "one floor": ("docs/reproduction/gait_nominal.npz", False),
-}
-FRICTIONS = (0.6, 0.9, 1.2)
-
-
-class Floor(NamedTuple):
-    """A level floor in Bullet."""
-
-    friction: float  # coefficient
-    stiffness: float | None = None  # under a contact point [N/m]; None: Bullet's default, which is hard
-    damping: float = 0.0  # ... [N s/m], of a floor with a stiffness
-
-
-FLOORS = {"hard": Floor(0.9), "soft": Floor(0.9, 9900.0, 76.0)}  # soft: sinks by 0.3 mm, with 0.7 of critical damping
-
-
-class Walked(NamedTuple):
-    """Result of a gait on one floor; cost, speed and sideways are None if it falls."""
-
-    walks: bool  # whether it walked all strides, forward
-    end: float  # when it fell, or had walked all strides [s]
-    cost: float | None = None  # [J/m]
-    speed: float | None = None  # [m/s]
-    sideways: float | None = None  # over the strides that are measured [m]
-    sinking: float = math.nan  # of the contact points under the robot at rest, in the mean [m]
+FRICTION = 0.9  # of the floor
+STIFFNESS, DAMPING = 9900.0, 76.0  # under a contact point [N/m, N s/m]: sinks by 0.3 mm, with 0.7 of critical damping
 
 
 def rotor_step(gearbox: Gearbox, h: float) -> np.ndarray:
@@ -98,50 +52,50 @@ def rotor_step(gearbox: Gearbox, h: float) -> np.ndarray:
 
 
 class Machine:
-    """The robot of a scene in Bullet, on a floor or without one; arrays are (n,) in the order of its joints.
+    """The robot of a scene in Bullet, on the floor or without one; arrays are (n,) in the order of its joints.
 
-    timestep [s] must divide the tick of the controllers.  Raises ImportError without Bullet, ValueError for what the
-    replay lacks.
+    timestep [s] must divide the tick of the controllers.  There is one machine at a time: the next one clears Bullet's
+    world.  Backlash, delays, stops and springs of joints are left out.
     """
 
-    def __init__(self, scene: CompiledScene, floor: Floor | None, timestep: float = TIMESTEP) -> None:
+    def __init__(self, scene: CompiledScene, floor: bool = True, timestep: float = TIMESTEP) -> None:
         model = scene.model
         self.scene, self.h, self.period = scene, timestep, scene.tick_steps * scene.timestep
         servos = [model.servos[name] for name in model.joint_names]
-        _check(model, servos, timestep)
         self.chain = ServoChain(servos, timestep, model.supply)
         steps = np.stack([rotor_step(servo.gearbox, timestep) for servo in servos])
         self._of_state, self._of_held = steps[..., :2].copy(), steps[..., 2:].copy()
         self._gears = np.array([(servo.gearbox.stiffness, servo.gearbox.damping) for servo in servos]).T
         damping = {joint.name: joint.damping for joint in model.joints}
         self._viscous = np.array([model.servos[name].viscous_friction + damping[name] for name in model.joint_names])
-        self._bullet = _World()
+        self._bullet = world()
+        self._bullet.resetSimulation()
         self._bullet.setGravity(*map(float, scene.gravity))
         self._bullet.setPhysicsEngineParameter(
             fixedTimeStep=timestep, numSolverIterations=ITERATIONS, numSubSteps=0, solverResidualThreshold=0.0,
             enableConeFriction=0, restitutionVelocityThreshold=0.0, deterministicOverlappingPairs=1,
         )  # fmt: skip
-        if floor is not None:
-            self._lay(floor)
+        if floor:
+            self._lay()
         self._load(model)
 
-    def _lay(self, floor: Floor) -> None:
+    def _lay(self) -> None:
         bullet = self._bullet
         plane = bullet.createCollisionShape(bullet.GEOM_PLANE, planeNormal=[0, 0, 1])
         self._floor = bullet.createMultiBody(0, plane)
-        bullet.changeDynamics(self._floor, -1, lateralFriction=floor.friction)
-        if floor.stiffness is not None:
-            soft = {"contactStiffness": floor.stiffness, "contactDamping": floor.damping - OWN_DAMPING}
-            bullet.changeDynamics(self._floor, -1, **soft)
+        soft = {"contactStiffness": STIFFNESS, "contactDamping": DAMPING - OWN_DAMPING}
+        bullet.changeDynamics(self._floor, -1, lateralFriction=FRICTION)
+        bullet.changeDynamics(self._floor, -1, **soft)
 
     def _load(self, model: Model) -> None:
         """Load the robot, and switch off Bullet's own damping, motors and sleep."""
         bullet = self._bullet
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "robot.urdf"
-            save_robot(replace(model, shapes=()), path)
-            path.write_text(_with_soles(path.read_text("utf-8"), model), "utf-8")
-            self._robot = bullet.loadURDF(str(path), flags=bullet.URDF_USE_INERTIA_FROM_FILE)
+
+        def load(path: str) -> int:
+            Path(path).write_text(_with_soles(Path(path).read_text("utf-8"), model), "utf-8")
+            return bullet.loadURDF(path, flags=bullet.URDF_USE_INERTIA_FROM_FILE)
+
+        self._robot = reread(replace(model, shapes=()), "robot.urdf", load)
         links = range(bullet.getNumJoints(self._robot))
         own = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0, "maxJointVelocity": 1e4}
         own |= {"lateralFriction": 1.0, "activationState": bullet.ACTIVATION_STATE_DISABLE_SLEEPING}
@@ -207,43 +161,6 @@ class Machine:
         return np.array([(max(-contact[8], 0.0), contact[9]) for contact in found]).reshape(-1, 2)
 
 
-class _World:
-    """Bullet with a world of its own, which is released with this object."""
-
-    def __init__(self) -> None:
-        self._bullet = _pybullet()
-        self._number = self._bullet.connect(self._bullet.DIRECT)
-        finalize(self, self._bullet.disconnect, self._number)
-
-    def __getattr__(self, name: str) -> Any:
-        found = getattr(self._bullet, name)
-        return partial(found, physicsClientId=self._number) if callable(found) else found
-
-
-def _pybullet() -> Any:
-    try:
-        import pybullet  # type: ignore[import-not-found]
-    except ImportError as error:
-        raise ImportError("this study runs Bullet; install it with pip install pybullet") from error
-    return pybullet
-
-
-def _check(model: Model, servos: Sequence[Servo], h: float) -> None:
-    """Raise ValueError for features of a robot that the replay lacks."""
-    lacking = ["backlash"] * any(servo.gearbox.backlash > 0.0 for servo in servos)
-    lacking += ["delays"] * any(servo.controller.delay > 0.0 for servo in servos)
-    sticks = any(servo.coulomb_friction > 0.0 and not is_gentle(servo, h) for servo in servos)
-    lacking += ["dry friction that grows within a step"] * sticks
-    lacking += ["joints held elsewhere than at 0"] * any(model.held.values())
-    sprung = any(joint.stiffness > 0.0 or joint.cubic_stiffness > 0.0 for joint in model.moving_joints)
-    lacking += ["springs of joints"] * sprung
-    lacking += ["tendons"] * bool(model.tendons)
-    lacking += ["gravity compensation"] * any(link.gravity_compensation != 0.0 for link in model.links)
-    lacking += ["contact points with friction of their own"] * any(p.friction is not None for p in model.contacts)
-    if lacking:
-        raise ValueError(f"{model.name}: the replay in Bullet lacks {lacking[0]}; leave it out of the robot")
-
-
 def _with_soles(text: str, model: Model) -> str:
     """Return a URDF for Bullet: collision spheres at the contact points, held joints fixed, no stops."""
     robot = ElementTree.fromstring(text)
@@ -261,29 +178,21 @@ def _with_soles(text: str, model: Model) -> str:
     return ElementTree.tostring(robot, "unicode")
 
 
-# ---------------------------------------------------------------------------------------------- walks
-
-
-def humanoid() -> CompiledScene:
-    """Return the robot of these gaits; its ground only defines what counts as a fall."""
-    return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
-
-
-def stand(scene: CompiledScene, angles: np.ndarray, floor: Floor, seconds: float = SETTLING) -> Machine:
+def stand(scene: CompiledScene, angles: np.ndarray, seconds: float = SETTLING) -> Machine:
     """Return the robot after it has stood with its joints at `angles` (n,) [rad], starting on the floor."""
-    machine = Machine(scene, floor)
+    machine = Machine(scene)
     machine.place(standing(scene, angles, 0.0))
     for _ in range(round(seconds / machine.period)):
         machine.tick(angles, np.zeros_like(angles))
     return machine
 
 
-def walk(scene: CompiledScene, motion: Motion, floor: Floor, strides: int = STRIDES) -> Walked:
-    """Walk a motion, with two strides before those that are measured.  Raises as `Machine`."""
+def walk(scene: CompiledScene, motion: Motion, strides: int) -> float | None:
+    """Walk a motion; return its energy per distance after two strides [J/m], None after a fall."""
     reference = motion.reference(WARM_UP + strides)
     angles, began, end = reference.values[0], motion.begin(WARM_UP), motion.begin(WARM_UP + strides)
-    sinking = float(stand(scene, angles, floor).contacts()[:, 0].sum()) / len(scene.model.contacts)
-    machine = Machine(scene, floor)
+    sinking = float(stand(scene, angles).contacts()[:, 0].sum()) / len(scene.model.contacts)
+    machine = Machine(scene)
     machine.place(standing(scene, angles, sinking))
     first, ticks = (math.ceil(time / machine.period - 1e-6) for time in (began, end))
     drive, rate = evaluated(reference, machine.period * np.arange(ticks) - scene.lag + EVENT_MARGIN)
@@ -292,52 +201,5 @@ def walk(scene: CompiledScene, motion: Motion, floor: Floor, strides: int = STRI
             place, drawn = machine.base(), machine.chain.meter.sum()
         machine.tick(drive[k], rate[k])
         if not machine.stands():
-            return Walked(False, round(machine.period * (k + 1), 9), sinking=sinking)
-    ahead, sideways = (machine.base() - place)[:2].tolist()
-    if ahead < LEAST_SPEED * (end - began):
-        return Walked(False, round(end, 9), sinking=sinking)
-    cost = float(machine.chain.meter.sum() - drawn) / ahead
-    return Walked(True, round(end, 9), cost, ahead / (end - began), sideways, sinking)
-
-
-# ---------------------------------------------------------------------------------------------- the table
-
-
-def kept(path: Path, notes: str) -> dict[tuple[str, ...], list[str]]:
-    """Return the rows of a table with these notes, by gait, floor and friction.
-
-    Raises ValueError for a file of another kind.
-    """
-    if not path.exists():
-        return {}
-    table = [cells for _, cells in read_csv(path, TABLE)]
-    comments = [line[2:] for line in path.read_text("utf-8-sig").splitlines() if line.startswith("# ")]
-    if comments[1:] != notes.splitlines() or table[:1] != [COLUMNS]:
-        return {}
-    return {tuple(cells[:3]): cells for cells in table[1:] if len(cells) == len(COLUMNS)}
-
-
-def study(path: Path) -> None:
-    """Walk all gaits on all floors, and write the table after each.  Raises ImportError, ValueError and OSError."""
-    _pybullet()  # says what to install
-    gaits = digest_of([PACKAGE.parent / file for file, _ in GAITS.values()])
-    notes = f"sources {digest(Path(__file__))}\ngaits {gaits}\npybullet {version('pybullet')}"
-    scene = humanoid()
-    rows, keys = kept(path, notes), [*product(GAITS, FLOORS, map(str, FRICTIONS))]
-    todo = [key for key in keys if key not in rows]
-    for gait, floor, friction in progress_bar(todo, total=len(keys), initial=len(keys) - len(todo), unit="walk"):
-        file, first = GAITS[gait]
-        motion = read_motion(PACKAGE.parent / file, scene.model.joint_names, first=first)
-        walked = walk(scene, motion, FLOORS[floor]._replace(friction=float(friction)))
-        rows[gait, floor, friction] = [gait, floor, friction, *("" if cell is None else str(cell) for cell in walked)]
-        write_csv(path, TABLE, COLUMNS, [rows[key] for key in keys if key in rows], notes)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Walk all gaits that are not in the table yet."""
-    study(table_arguments("walk gaits of the humanoid in Bullet", arguments).table)
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+            return None
+    return float(machine.chain.meter.sum() - drawn) / float((machine.base() - place)[0])
