@@ -62,7 +62,7 @@ def test_a_kick_scores_and_chance_does_not(scene):
     for total, way, info in found:
         if info["goal"]:
             assert info["tilt"] < 0.2
-            assert total == pytest.approx(1.0 + way, abs=0.02)
+            assert total == pytest.approx(1.0 + way, abs=0.04)  # the way in a step of 20 ms at 2 m/s
     draw, goals, rewards = np.random.default_rng(0), 0.0, []
     for seed in range(10):
         env.reset(seed=seed)

@@ -452,7 +452,7 @@ def _gaits() -> Iterator[Call]:
     start = {"gait": gait, "n_strides": 1, "start": np.zeros(n), "tick": 0.04, "blend_strides": 1}
     yield Call("references", walking.references, start)
     yield Call("bounds", walking.bounds, {"model": robot, "gait": gait})
-    scene = fg.compile_scene(robot, "mipsd", fg.Ground())
+    scene = fg.compile_scene(robot, "mipsd", fg.Ground(), "midpoint", 1e-3)
     cost = walking.WalkingCost(scene, gait, np.zeros(n), 0, 1, 1)
     yield Call(
         "WalkingCost", lambda **how: walking.WalkingCost(**how).reference(gait.to_vector(), 1), _all_fields(cost)
