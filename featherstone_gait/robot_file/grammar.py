@@ -26,8 +26,6 @@ SKIPPED = {  # why what URDF knows is not read, by "element child" or "element @
     "joint calibration": "encoders start calibrated",
     "joint safety_controller": "controllers come from the TOML file",
     "joint axis": "the joint turns about no single one",
-    "joint axis2": "only universal joints have one",
-    "joint screw": "only screws have a pitch",
     "collision verbose": "it names a shape",
     "collision @group": "it names shapes",
     "collision material": "colors do not affect the simulation",

@@ -188,6 +188,12 @@ def _moving_joint(element: Element, what: str, report: Report) -> Joint:
     if kind == "universal" and element.find("axis2") is not None:
         with report.blaming(element):
             motion["axis2"] = _axis(element, what, report, "axis2")
+    for tag, owner in (("axis2", "universal"), ("screw", "screw")):
+        if kind != owner and (other := element.find(tag)) is not None:
+            found, remedy = f"<{tag}> of a joint of type {kind!r}", f"only {owner} joints have one: remove it"
+            report.assume(element, what, found, "ignored", remedy)
+            assert isinstance(other, Read)
+            other.whole = True
     if kind == "screw":
         motion |= _stated(element.find("screw"), ("pitch",), what, report)
         if "pitch" not in motion:
