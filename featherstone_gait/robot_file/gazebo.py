@@ -23,7 +23,7 @@ SPRINGS = ("spring_stiffness", "spring_reference", "spring_constant", *FIELDS)
 
 
 class Gazebo(NamedTuple):
-    """What Gazebo adds to joints and links."""
+    """Hold what Gazebo adds to joints and links."""
 
     joints: dict[str, dict[str, Any]]  # fields of Joint, by joint
     frictions: dict[str, float]  # by link

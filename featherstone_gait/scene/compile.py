@@ -197,7 +197,7 @@ class CompiledScene:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What touches nothing in this scene, and numbers of servos that have no effect, one sentence each."""
+        """Return what touches nothing in this scene, and numbers of servos without effect, one sentence each."""
         if not self.members:
             return unused(self.model, self.gearbox, self.method)
         return (*self.touching.notes, *(f"{one.name}: {note}" for one in self.members for note in one.scene.notes))

@@ -33,7 +33,7 @@ LIGHTEST = 1e-300  # [kg]
 
 
 class Loads(NamedTuple):
-    """What lies on what where all start.
+    """Hold what lies on what where all start.
 
     Attributes
     ----------

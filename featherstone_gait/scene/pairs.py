@@ -283,7 +283,7 @@ def _has_ground(solids: Sequence[Solid]) -> bool:
 
 
 class _Shapes(NamedTuple):
-    """What decides which shapes may touch, of each shape of a scene; a pair of rows i < j has the number i n + j."""
+    """Hold what decides which shapes of a scene may touch; a pair of rows i < j has the number i n + j."""
 
     tree: np.ndarray
     body: np.ndarray

@@ -230,7 +230,7 @@ def never(cost):
 
 
 class Names(dict):
-    """What calls name; scenes are compiled when the first call names them."""
+    """Hold the names that calls use; a scene is compiled when the first call names it."""
 
     def __missing__(self, name):
         if name not in SCENES and name not in fg.__all__:
@@ -278,7 +278,7 @@ def said(code):
 
 @functools.cache
 def message_of(number):
-    """What a call says that has a remedy, in one line."""
+    """Return what a call says, with its remedy, in one line."""
     return " ".join("; ".join(text for _, text in said(CASES[number]["call"])).split())
 
 
@@ -427,7 +427,7 @@ def test_commands_options_extras_sections_and_pages_that_messages_name_exist():
 @pytest.mark.parametrize("check", [arguments.real, arguments.whole])
 @pytest.mark.parametrize("wrong", [-1, 12, "text", None, math.nan])
 def test_the_bounds_that_a_message_names_are_taken(check, wrong):
-    """What `real` and `whole` refuse, all other callers' bounds among it: each end of the range is right."""
+    """Both ends of a range that `real` and `whole` name are accepted, for the bounds of all callers."""
     given = ("x", wrong, 2, "give it") if check is arguments.whole else ("x", wrong, 2.0, 7.0, "give it")
     how = {"most": 7} if check is arguments.whole else {}
     with pytest.raises(ValueError, match=r"expected a (whole )?number from") as refused:
