@@ -21,7 +21,7 @@ def add(commands: Commands) -> None:
     """Register the command."""
     where = "source tree whose notebooks run and whose pages are written (default: that of this package)"
     parser = add_command(commands, run, __doc__, where=where)
-    parser.add_argument("names", metavar="NAME", nargs="*", help="notebooks of the paper, without ending (default: all)")
+    parser.add_argument("names", metavar="NAME", nargs="*", help="notebooks, without ending (default: all)")
     add_quiet(parser)
 
 

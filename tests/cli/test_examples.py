@@ -76,7 +76,7 @@ def files_of(line, folder):
 @pytest.mark.quick("info_humanoid", "servos", "servos_ax12*", "export_*", "view_humanoid", "view_dog*", "info_my_*")
 @pytest.mark.parametrize("line", [pytest.param(each, id=each.replace(" ", "_")) for each in examples()])
 def test_an_example_runs(line, folder, monkeypatch, tmp_path):
-    """Benchmarks and notebooks, which have no smaller size, are called alone; a page is served and left; two floors stand for all."""
+    """Benchmarks and notebooks are called alone; a page is served and left; two floors stand for all."""
     monkeypatch.chdir(folder)
     files_of(line, folder)
     monkeypatch.setattr(live.Live, "wait", lambda self: self.stop())
