@@ -124,9 +124,9 @@ def _joined(outputs: Sequence[Any]) -> Iterator[Any]:
         yield output
 
 
-def collected(folder: Path) -> list[Row]:
+def collected(folder: FilePath) -> list[Row]:
     """Return the rows that the stored notebooks of a folder carry, in the paper's order."""
-    rows = {row.key: row for name in JUDGING for row in read_judged(folder / f"{name}.ipynb")}
+    rows = {row.key: row for name in JUDGING for row in read_judged(Path(folder) / f"{name}.ipynb")}
     return [rows[key] for key in STATEMENTS if key in rows]
 
 
