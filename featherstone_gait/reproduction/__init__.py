@@ -10,8 +10,6 @@ optimization resorting to an improved simulation model", Int. J. Advanced Roboti
 from .claim import Claim, ClaimTable, Verdict, classify, format_claims, number, question
 
 EXPERIMENTS = (  # modules, in the paper's order
-    "servo_step",
-    "arm_fall",
     "seven_joint_arm",
     "ratio_and_joints",
     "energy_repeatability",
