@@ -49,6 +49,7 @@ def test_a_spring_moves_the_arm_as_play_does_and_not_the_gear(notebook):
     gear = [close for name, close in notebook["found"].items() if name.endswith("gear to a tenth")]
     assert [name for name, close in arm.items() if not close] == ["play of 1.0 deg, whole arm upright, arm to a count"]
     assert (len(arm), gear) == (12, [False] * 12)
+    assert [row.cases for row in read_judged(NOTEBOOK) if row.key == "backlash"] == [notebook["found"]]
     upright_with_play, with_spring = notebook["shake"]
     assert upright_with_play == pytest.approx(2.2, abs=0.1)
     assert with_spring < 1e-3
