@@ -24,7 +24,6 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 ENCODER_STEP = math.radians(300.0 / 1023.0)  # of the AX-12 [rad], ROBOTIS e-manual
-RECORDING = "docs/paper.md says which recording would close it."  # of a figure that is a picture only
 EXPLICIT: Literal["simtwo"] = "simtwo"  # integrator of the paper's program of 2012
 IMPLICIT: Literal["implicit_euler"] = "implicit_euler"
 SERVO_COLORS = {"standard": ORANGE, "mipsd": BLUE, "rotor": COLORS[2]}  # the same in all figures
