@@ -12,8 +12,6 @@ from .claim import Claim, ClaimTable, Verdict, classify, format_claims, number, 
 EXPERIMENTS = (  # modules, in the paper's order
     "servo_step",
     "arm_fall",
-    "seven_joint_arm",
-    "ratio_and_joints",
     "energy_repeatability",
     "posture",
     "solver_scatter",
