@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import importlib
 import itertools
 import json
 import math
@@ -23,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from featherstone_gait import Ground, compile_scene, load_robot
+from featherstone_gait import Ground, Reference, compile_scene, initial_state, load_robot
 from featherstone_gait.base.files import Format, complete, write_csv
 from featherstone_gait.benchmark.robots import anymal, g1
 from featherstone_gait.crosscheck import crosscheck
@@ -32,6 +33,7 @@ from featherstone_gait.optimize import AMPLITUDE, optimize_gait, walking_cost
 from featherstone_gait.optimize.feedback import search_feedback
 from featherstone_gait.optimize.quality import TEST_WORLDS, measure_in_test_worlds
 from featherstone_gait.reproduction import solver_scatter
+from featherstone_gait.reproduction.maximal import Engine, simulate_seeds
 from featherstone_gait.reproduction.walks import finished
 from featherstone_gait.search import cma_es, run
 from featherstone_gait.walking import (
@@ -54,6 +56,8 @@ from featherstone_gait.walking.cost_in_worlds import CostInWorlds, in_worlds
 from featherstone_gait.walking.disturbed import pushes_survived, rough_field, walk_far
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "notebooks"))
+setups = importlib.import_module("setups")  # robots of the notebooks
 STORED = ROOT / "docs" / "reproduction"
 FORMAT = Format("measured table")
 KEPT = (
@@ -184,11 +188,14 @@ def solver() -> Iterable[Row]:
 
 def arm() -> Iterable[Row]:
     """Measure how still the arm of seven joints stands in that simulator."""
-    full = solver_scatter.FULL
-    for link in full.links:
-        for sweeps in (10, 20, 0):
-            variance = solver_scatter.hold_arm(full, "standard", sweeps, link, 0).typical
-            yield {"link_kg": link[0], "link_m": link[1], "sweeps": sweeps, "variance_deg2": float(variance)}
+    upright = Reference([0.0], np.zeros((1, 7)))
+    for link, sweeps in itertools.product((0.1, 0.09), (10, 20, 0)):
+        scene = compile_scene(setups.arm(link), "standard", integrator="simtwo", timestep=1e-3)
+        start = initial_state(scene, 0.01 * np.random.default_rng(0).standard_normal(7))
+        how: dict[str, Any] = {"seeds": range(8 if sweeps else 1), "engine": Engine(iterations=sweeps)}
+        runs = simulate_seeds(scene, 20.0, start, upright, record=("q",), record_interval=1e-3, **how)
+        found = [np.degrees(run["q"][run["time"] >= 10.0, 0]).var() for run in runs if run.status == "ok"]
+        yield {"link_kg": link, "link_m": link, "sweeps": sweeps, "variance_deg2": float(np.median(found))}
 
 
 def posture() -> Iterable[Row]:

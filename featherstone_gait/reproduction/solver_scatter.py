@@ -27,12 +27,12 @@ import numpy as np
 from ..base.files import FilePath, Format, read_csv, write_csv
 from ..base.progress import progress_bar
 from ..run.reference import Reference
-from ..run.simulate import initial_state, standing_state
-from ..scene.compile import CompiledScene, GearboxKind, compile_scene
+from ..run.simulate import standing_state
+from ..scene.compile import CompiledScene, GearboxKind
 from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
-from . import posture, seven_joint_arm
+from . import posture
 from .claim import Claim, classify, question, within
 from .common import EXPLICIT, SERVO_COLORS, in_threads, scale_masses, subplots
 from .maximal import Engine, simulate, simulate_seeds
@@ -70,10 +70,9 @@ class ScatterSettings:
     steps: tuple[float, ...]  # [s] of the map; all divide the controllers' 10 ms
     iterations: tuple[int, ...]  # sweeps of the map; 10 is the default of the program
     masses: tuple[float, ...]  # of the map, times ours; 0.8: the authors' first scene of this robot
-    seeds: int = 8  # of the arm and of the posture
+    seeds: int = 8  # of the posture
     duration: float = 20.0  # [s] of these
     dropped: float = 10.0  # [s] of their start, not measured
-    links: tuple[tuple[float, float], ...] = ((0.1, 0.1), (0.09, 0.09))  # mass [kg], length [m] of the arm's
     posture_iterations: tuple[int, ...] = (10, 20, 50)  # sweeps, of the posture
     nudged: int = 6  # joints, each of which is off at the start of a run of its own
     strides: int = 4  # measured, of each run
@@ -129,9 +128,9 @@ MAP = Format("solver map")
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Variances of the lowest joint of the arm [deg^2], or standard deviations of four joints [deg], of each seed."""
+    """Standard deviations of four joints [deg], of each seed."""
 
-    values: np.ndarray  # (seeds,) or (seeds, 4); NaN where the robot fell
+    values: np.ndarray  # (seeds, 4); NaN where the robot fell
     offset: np.ndarray  # the same of how far the mean is from the reference [deg]
     statuses: tuple[str, ...]
 
@@ -151,12 +150,11 @@ class ScatterResult:
     nudged: dict[str, float]  # deviation of the same cycle, solved, between starts off by `NUDGE`
     map: tuple[Scatter, ...]
     energies: dict[str, np.ndarray]  # of the documented setting (runs, strides) [J]
-    arms: dict[tuple[str, int, tuple[float, float]], Held]  # by gearbox, iterations, link
     postures: dict[tuple[str, int, float], Held]  # by gearbox, iterations, mass
 
 
 def run(settings: ScatterSettings = QUICK, seed: int = 0, progress: bool = False) -> ScatterResult:
-    """Walk, and hold the arm and the posture; seed: of the first run, from which those of the others count up."""
+    """Walk, and hold the posture; seed: of the first run, from which those of the others count up."""
     planned = planned_walk()
     documented: dict[str, Scatter] = {}
     solved: dict[str, Scatter] = {}
@@ -169,15 +167,11 @@ def run(settings: ScatterSettings = QUICK, seed: int = 0, progress: bool = False
         swept[gearbox] = walk(settings, planned, SolverCase(gearbox, iterations=MANY), settings.swept_runs, seed)[1]
         nudged[gearbox] = nudge(settings, planned, gearbox)
     around = tuple(work_out(settings, seed=seed, progress=progress, planned=planned))
-    arms: dict[tuple[str, int, tuple[float, float]], Held] = {
-        (gearbox, n, link): hold_arm(settings, gearbox, n, link, seed)
-        for gearbox, n, link in product(GEARBOXES, (SolverCase.iterations, 0), settings.links)
-    }
     postures: dict[tuple[str, int, float], Held] = {
         (gearbox, n, mass): hold_posture(settings, gearbox, n, mass, seed)
         for gearbox, n, mass in product(GEARBOXES, settings.posture_iterations, (0.8, 1.0))
     }
-    return ScatterResult(settings, documented, solved, swept, nudged, around, energies, arms, postures)
+    return ScatterResult(settings, documented, solved, swept, nudged, around, energies, postures)
 
 
 # ---------------------------------------------------------------------------------------------- the walk
@@ -283,17 +277,6 @@ def write_map(path: FilePath, rows: Iterable[Scatter]) -> None:
 # ---------------------------------------------------------------------------------------------- robots that hold still
 
 
-def hold_arm(
-    settings: ScatterSettings, gearbox: GearboxKind, iterations: int, link: tuple[float, float], seed: int = 0
-) -> Held:
-    """Hold the seven joints upright from a small tilt; return the variance of the lowest joint [deg^2]."""
-    case = seven_joint_arm.Case(gearbox, link=link)
-    scene = compile_scene(seven_joint_arm.arm(case), gearbox, integrator=EXPLICIT, timestep=case.step)
-    state = initial_state(scene, case.tilt * np.random.default_rng(seed).standard_normal(7))
-    angles, statuses = _held(settings, scene, state, np.zeros(7), [0], iterations, seed)
-    return Held(angles[..., 0].var(axis=1), angles[..., 0].mean(axis=1), statuses)
-
-
 def hold_posture(settings: ScatterSettings, gearbox: GearboxKind, iterations: int, mass: float, seed: int = 0) -> Held:
     """Hold the humanoid in the posture of Table 3; return the standard deviations of its four joints [deg]."""
     scene = posture.scene_of(posture.Case(gearbox, mass=mass))
@@ -332,11 +315,9 @@ def _held(
 
 def check(result: ScatterResult) -> list[Claim]:
     """Return the paper's claims that depend on its solver."""
-    arms = {"standard": seven_joint_arm.PAPER_STANDARD, "mipsd": seven_joint_arm.PAPER_MIPSD}
     return [
         *(_size(result, gearbox) for gearbox in GEARBOXES),
         *(claim(result) for claim in (_both, _lower, _cause, _sensitive)),
-        *(_arm(result, gearbox, paper) for gearbox, paper in arms.items()),
         *(claim(result) for claim in (_table, _order, _rest)),
     ]
 
@@ -457,26 +438,6 @@ def _sensitive(result: ScatterResult) -> Claim:
         why="Rule: with each step solved in double precision, initial angles that differ by "
         f"{NUDGE:g} rad in one joint give the standard model's cycles a deviation of more than 0.1 %, and MIPSD's less "
         "than a thousandth of that",
-    )
-
-
-def _arm(result: ScatterResult, gearbox: str, paper: float) -> Claim:
-    found = {key[1:]: held for key, held in result.arms.items() if key[0] == gearbox}
-    ours = found[SolverCase.iterations, seven_joint_arm.LARGE].typical
-    words = "; ".join(
-        f"{held.typical:.2g} {'solved' if n == 0 else f'at {n} sweeps'}, links of {link[0]:g} kg and {link[1]:g} m"
-        for (n, link), held in found.items()
-    )
-    return Claim(
-        claim=f"Seven joints held upright, {gearbox} model, in the paper's kind of program: variance of the lowest "
-        "[deg^2]",
-        item={"standard": "Fig. 9"}.get(gearbox, "Fig. 10"),
-        factor=float(ours) / paper,
-        paper=f"{paper:g}, printed as rad^2",
-        ours=f"{ours:.2g} (median of {result.settings.seeds} seeds)",
-        accepted=within(ORDER_FACTOR),
-        verdict=classify(near(ours, paper, ORDER_FACTOR)),
-        why=f"Rule: within a factor {ORDER_FACTOR:g} with the arm of 0.1 kg and 0.1 m at 10 sweeps. {words}",
     )
 
 
