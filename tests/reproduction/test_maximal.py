@@ -40,9 +40,6 @@ def halves_with_the_step(error, most, steps=(1e-3, 5e-4)):
     return (errors[0] < most).all() and (ratios > 1.7).all() and (ratios < 2.4).all()
 
 
-# ---------------------------------------------------------------------------------------------- one body
-
-
 @pytest.mark.long
 def test_a_free_fall_is_that_of_semi_implicit_euler():
     """After n steps the velocity is g n h and the way g h^2 n (n + 1) / 2."""
@@ -85,10 +82,10 @@ def test_a_pendulum_has_its_period_and_its_energy_drifts_with_the_first_power_of
         run = exact(fixed(pendulum(0.5, damping=0.0), h), 5.0, [swing], record_interval=1e-3)
         q, t, now = run["q"][:, 0], run["time"], energy(pendulum(0.5), run["q"], run["qd"]).sum(axis=1)
         k = np.flatnonzero((q[:-1] > 0) & (q[1:] <= 0))
-        assert np.diff(t[k] + 1e-3 * q[k] / (q[k] - q[k + 1])).mean() == pytest.approx(period, rel=1e-3)
+        assert np.diff(t[k] + 1e-3 * q[k] / (q[k] - q[k + 1])).mean() == pytest.approx(period, rel=1e-4)
         return abs(now - now[0]).max() / (0.25 * G * (1.0 - math.cos(swing)))
 
-    assert halves_with_the_step(drift, 0.02)
+    assert halves_with_the_step(drift, 0.004)
 
 
 @pytest.mark.long
@@ -104,9 +101,6 @@ def test_a_stop_and_dry_friction_hold_a_pendulum_and_a_free_one_turns_on():
     assert run["q"][-1, 0] == pytest.approx(20.0, rel=1e-3)  # beyond a turn
 
 
-# ---------------------------------------------------------------------------------------------- contact
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("engine", [SOFT, replace(SOFT, iterations=200)], ids=["solved", "swept"])
 @pytest.mark.parametrize("friction", [0.3, 0.45, 0.55])
@@ -118,8 +112,9 @@ def test_a_box_on_a_slope_slides_as_coulomb_says_and_sticks_beyond(engine, frict
     c, s = math.cos(slope), math.sin(slope)
     speed = run["base_qd"] @ [c, 0.0, s, 0.0, 0.0, 0.0]
     pull = min(0.0, -G * (s - friction * c))
-    k = 30  # from where it has settled on
-    assert (speed[-1] - speed[k]) / (run["time"][-1] - run["time"][k]) == pytest.approx(pull, abs=2e-3 * G)
+    settled = 30
+    mean = (speed[-1] - speed[settled]) / (run["time"][-1] - run["time"][settled])
+    assert mean == pytest.approx(pull, abs=2e-3 * G)
     force = run["contact_force"][-1].sum(axis=0)
     assert force[0] == pytest.approx(G * c, rel=2e-3)
     assert abs(force[1]) <= friction * force[0] * (1 + 1e-6)
@@ -137,14 +132,13 @@ def test_a_ball_bounces_as_high_as_it_is_told():
 
 @pytest.mark.parametrize("iterations", [0, 60], ids=["solved", "swept"])
 def test_the_ground_bears_the_weight_of_a_robot_that_stands(iterations):
-    """Mean of the normal forces over 0.2 s, and no foot moves by 1 mm."""
+    """Over 0.2 s the mean of all forces is the weight, upright; each is within its pyramid, once solved."""
     scene, engine = standing(), Engine(iterations=iterations, bounce=0.0)
-    run = maximal.simulate(scene, 0.4, engine=engine, record=("base_q", "contact_force"), record_interval=1e-3)
-    assert run["contact_force"][-200:, :, 0].sum(axis=1).mean() == pytest.approx(scene.model.mass * G, rel=5e-3)
-    assert np.abs(run["base_q"] - run["base_q"][0]).max() < 1e-3
-
-
-# ---------------------------------------------------------------------------------------------- the limit
+    run = maximal.simulate(scene, 0.4, engine=engine, record=("contact_force",), record_interval=1e-3)
+    force, weight = run["contact_force"], scene.model.mass * G
+    assert force[-200:].sum(axis=1).mean(axis=0) / weight == pytest.approx([1.0, 0.0, 0.0], abs=0.02)
+    assert force[-200:, :, 0].sum(axis=1).mean() / weight == pytest.approx(1.0, abs=5e-3)
+    assert iterations or (abs(force[..., 1:]) <= Ground().friction * force[..., :1] + 1e-9 * weight).all()
 
 
 CHAIN = {"gravity": (0.0, 0.0, 9.81)}  # the arm of seven joints, hanging, let go from 0.3 rad in each
@@ -215,9 +209,6 @@ def test_the_hip_of_the_humanoid_is_a_universal_joint_and_its_shoulder_is_not():
     assert world.bodies.mass.sum() == pytest.approx(scene.model.mass, rel=1e-12)
 
 
-# ---------------------------------------------------------------------------------------------- bits and failure
-
-
 def digest(run):
     return hashlib.sha256(b"".join(run[name].tobytes() for name in run) + run.final.tobytes()).hexdigest()[:16]
 
@@ -232,21 +223,22 @@ def test_the_same_seed_has_the_same_bits_and_another_has_others_unless_solved():
 @pytest.mark.quick("standard-*")
 @pytest.mark.nojit
 @pytest.mark.parametrize(
-    ("gearbox", "bits"),
-    [pytest.param("standard", "d6c03a837fb8f09b", marks=pytest.mark.bounds), ("mipsd", "3ed23956b3d6aa80")],
+    ("case", "bits"),
+    [
+        pytest.param("standard", "d6c03a837fb8f09b", marks=pytest.mark.bounds),
+        ("mipsd", "3ed23956b3d6aa80"),
+        ("box, solved", "a19a3c5376d8a416"),
+    ],
 )
-def test_the_bits_are_these_compiled_or_not(gearbox, bits):
-    scene = compile_scene(load_robot("humanoid", locked="simplified"), gearbox, Ground(), "simtwo", 1e-3)
-    reference = Reference([0.0], np.full((1, 10), 0.1))
-    assert digest(maximal.simulate(scene, 0.02, None, reference, engine=Engine(iterations=2), seed=5)) == bits
-
-
-@pytest.mark.long
-@pytest.mark.nojit
-def test_the_solved_bits_are_these_compiled_or_not():
-    start = [0, 0, 0.0495, 1, 0, 0, 0], [0.5, 0, 0, 0, 0.1, 0]
-    run = exact(box_on(Ground(), timestep=1e-3), 0.01, *start, record=("base_q",))
-    assert digest(run) == "a19a3c5376d8a416"
+def test_the_bits_are_these_compiled_or_not(case, bits):
+    if case == "box, solved":
+        start = [0, 0, 0.0495, 1, 0, 0, 0], [0.5, 0, 0, 0, 0.1, 0]
+        run = exact(box_on(Ground(), timestep=1e-3), 0.01, *start, record=("base_q",))
+    else:
+        scene = compile_scene(load_robot("humanoid", locked="simplified"), case, Ground(), "simtwo", 1e-3)
+        reference = Reference([0.0], np.full((1, 10), 0.1))
+        run = maximal.simulate(scene, 0.02, None, reference, engine=Engine(iterations=2), seed=5)
+    assert digest(run) == bits
 
 
 @pytest.mark.long
