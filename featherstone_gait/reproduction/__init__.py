@@ -17,10 +17,6 @@ EXPERIMENTS = (  # modules, in the paper's order
     "energy_repeatability",
     "posture",
     "solver_scatter",
-    "gait_optimization",
-    "noisy_searches",
-    "what_stops",
-    "complete_humanoid",
 )
 
 __all__ = ["EXPERIMENTS", "Claim", "ClaimTable", "Verdict", "classify", "format_claims", "number", "question"]
