@@ -34,7 +34,6 @@ from featherstone_gait.optimize.feedback import search_feedback
 from featherstone_gait.optimize.quality import TEST_WORLDS, measure_in_test_worlds
 from featherstone_gait.reproduction import solver_scatter
 from featherstone_gait.reproduction.maximal import Engine, simulate_seeds
-from featherstone_gait.reproduction.walks import finished
 from featherstone_gait.search import cma_es, run
 from featherstone_gait.walking import (
     BIOLOID_WALK,
@@ -65,6 +64,13 @@ KEPT = (
 )  # fmt: skip
 FEEDBACK = {False: "without", True: "with"}
 Row = dict[str, Any]
+
+
+def finished(result: Any) -> Any:
+    """Return the result of a search; raise KeyboardInterrupt if it was interrupted."""
+    if result.status == 2:
+        raise KeyboardInterrupt
+    return result
 
 
 @functools.cache

@@ -22,9 +22,11 @@ from featherstone_gait import (
     simulate_batch,
 )
 from featherstone_gait.model import Gearbox, Model
+from featherstone_gait.optimize.planning import walking_cost
 from featherstone_gait.robot_file import gearbox_presets
 from featherstone_gait.scene.compile import GearboxKind, IntegratorName
 from featherstone_gait.view.style import look
+from featherstone_gait.walking.cost import WalkingCost
 
 COLORS = {"standard": "C1", "mipsd": "C0", "rotor": "C2"}  # of servo models, the same in all figures
 
@@ -277,3 +279,11 @@ def within(found: Sequence[float], paper: Sequence[float], factor: float = 3.0) 
 def arm_name(link: Link, Kp: float, *more: str, tilt: float = 0.01, step: float = 1e-3) -> str:
     """Return an arm and how it was held in words."""
     return ", ".join((f"{np.ravel(link)[0]:g} kg, {Kp:g} V/rad, {tilt:g} rad, {1e3 * step:g} ms", *more))
+def planned_walk(**how: Any) -> WalkingCost:
+    """Plan the walk of the paper's ten-joint humanoid; how: options of `walking_cost`."""
+    return walking_cost(load_robot("humanoid", locked="simplified"), **how)
+
+
+def recompiled(cost: WalkingCost, model: Model | None = None, **arguments: Any) -> WalkingCost:
+    """Return the walk with another model or other arguments of `compile_scene`."""
+    return replace(cost, scene=cost.scene.recompiled(model, **arguments))

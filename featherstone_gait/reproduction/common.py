@@ -1,13 +1,13 @@
-"""Share constants, scaled robots, cases in threads and figures among experiments."""
+"""Share constants, scaled robots and cases in threads among experiments."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,9 +16,6 @@ from ..base.progress import progress_bar
 from ..model import Model
 from ..view.style import BLUE, COLORS, ORANGE
 from ..view.style import subplots as subplots
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -47,16 +44,3 @@ def in_threads(
     todo = list(items)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(progress_bar(pool.map(function, todo), label, len(todo), progress=progress, unit=unit))
-
-
-def draw_band(axes: Axes, x: ArrayLike, curves: Sequence[np.ndarray] | np.ndarray, color: str, label: str) -> None:
-    """Draw median and range of curves (n, len(x))."""
-    axes.fill_between(x, np.min(curves, axis=0), np.max(curves, axis=0), color=color, alpha=0.15)
-    axes.plot(x, np.median(curves, axis=0), color=color, label=label)
-
-
-def draw_marks(axes: Axes, place: float, values: Sequence[float] | np.ndarray, color: str, half_width: float) -> None:
-    """Draw a mark for each value, side by side, and the line of their median."""
-    spread = np.linspace(-0.5, 0.5, len(values)) * half_width * (len(values) > 1)
-    axes.plot(place + spread, values, "o", ms=5, color=color, alpha=0.6)
-    axes.plot([place - half_width, place + half_width], [np.median(values)] * 2, color=color, linewidth=2)
