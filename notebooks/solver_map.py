@@ -75,7 +75,7 @@ def energies(cost: WalkingCost, runs: Sequence[Trajectory]) -> np.ndarray:
     return found
 
 
-def noisy(cost: WalkingCost, posture: float, encoder: float, supply: float, runs: int = 24) -> np.ndarray:
+def noisy(cost: WalkingCost, posture: float, encoder: float, supply: float, runs: int = 40) -> np.ndarray:
     """Walk with noise, the same draws for every walk; return the energies (runs, cycles) [J].
 
     posture: standard deviation of the first angles [rad]; encoder, supply: largest error of the angles that the servos
