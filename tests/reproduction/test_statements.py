@@ -34,13 +34,15 @@ def test_the_papers_numbers_are_those_that_it_prints():
     ("cases", "verdict", "ours"),
     [
         ({"a": True, "b": True}, "holds", "true in 2 of 2 cases"),
-        ({"a": False, "b": None}, "contradicted", "true in 0 of 2 cases, undecided in 1"),
+        ({"a": False, "b": None}, "contradicted", "true in 0 of 1 cases, undecided in 1"),
         ({"a": True, "b": False}, "open", "true in 1 of 2 cases"),
-        ({"a": True, "b": None}, "open", "true in 1 of 2 cases, undecided in 1"),
-        ({"a": None}, "open", "true in 0 of 1 cases, undecided in 1"),
+        ({"a": None}, "open", "true in 0 of 0 cases, undecided in 1"),
+        (dict.fromkeys("abcdefghi", True) | {"j": False}, "holds", "true in 9 of 10 cases"),
+        (dict.fromkeys("abcdefgh", True) | {"j": False}, "open", "true in 8 of 9 cases"),
+        (dict.fromkeys("abcdefghi", False) | {"j": True}, "contradicted", "true in 1 of 10 cases"),
     ],
 )
-def test_a_statement_holds_in_every_case_or_is_contradicted_in_every_one_that_decides(cases, verdict, ours):
+def test_a_statement_holds_or_is_contradicted_in_nine_of_ten_cases_that_decide(cases, verdict, ours):
     row = judge("more_stable", cases, "why")
     assert (row.verdict, row.ours, row.cases) == (verdict, ours, cases)
 
