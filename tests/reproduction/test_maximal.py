@@ -214,8 +214,10 @@ def digest(run):
 
 
 def test_the_same_seed_has_the_same_bits_and_another_has_others_unless_solved():
+    """And so has the beginning of a run that is long enough to be handed to the thread that Ctrl-C ends."""
     a, b, again = maximal.simulate_seeds(standing(), 0.05, seeds=[3, 4, 3])
     assert digest(a) == digest(again) == digest(maximal.simulate(standing(), 0.05, seed=3)) != digest(b)
+    assert np.array_equal(maximal.simulate(standing(), 15.0, seed=3)["q"][: len(a["q"])], a["q"])
     a, b = maximal.simulate_seeds(standing(), 0.05, seeds=[3, 4], engine=Engine(iterations=0))
     assert digest(a) == digest(b)
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import instance, listed, whole
 from ...core.compile.jit import entry, inline
-from ...core.compile.optional import slice_if
+from ...core.compile.optional import item_or_zero, slice_if
 from ...core.compile.outside import read_now
 from ...core.effects.controller import apply_delayed
 from ...core.integrate.rollout import inspect, record, tick
@@ -75,12 +75,13 @@ def _place_bodies(run: Any, w: Any, x: Any, y: Any) -> None:
     offsets, X, W = run.offsets[0], x.X, x.tree
     base = slice_if(run.scene.floating, y, offsets.base_q, 7)
     speed = slice_if(run.scene.floating, y, offsets.base_qd, 6)
+    origin = (item_or_zero(base, 0), item_or_zero(base, 1), item_or_zero(base, 2))
     motion_pass(run.scene.tree, None, run.scene.gravity, Motion(base, speed, None, x.q, x.qd, None, None), W)
     for i in range(1, len(w.bodies)):
         row = w.bodies[i].row
         E, spin = load9(W, row, ROTATION), load3(W, row, V)
         c = add(load3(W, row, P), rotate(E, w.bodies[i].center))
-        store3(X, i, PLACE, add(load3(X, i, PLACE), c))
+        store3(X, i, PLACE, add(origin, c))
         store3(X, i, SPIN, spin)
         store3(X, i, SPEED, add(load3(W, row, V + 3), cross(spin, c)))
         _store_turn(X, i, E)

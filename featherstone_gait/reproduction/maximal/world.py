@@ -16,7 +16,7 @@ from ...model import Joint
 from ...model.rigid_bodies import inertia_matrix, turned_inertia
 from ...scene.compile import CompiledScene
 from ...scene.records import filled, records
-from .layout import AXIS, BODY, COLUMNS, ENGINE, JOINT, PLACE, POINT, ROW, TURN, Engine, Work, World
+from .layout import AXIS, BODY, COLUMNS, ENGINE, JOINT, POINT, ROW, TURN, Engine, Work, World
 from .solve import P1, P2
 
 CROSS = 0.1  # a body lighter than this share of both its neighbors may be the cross of a universal joint
@@ -163,14 +163,12 @@ def _points(scene: CompiledScene, bodies: np.recarray, number: dict[int, int]) -
 
 
 def work_of(world: World, seed: int, scene: CompiledScene, y: np.ndarray) -> Work:
-    """Return what the steps of a world overwrite, with views of the state y; bodies at the base's origin."""
+    """Return what the steps of a world overwrite, with views of the state y."""
     bodies, axes = len(world.bodies), len(world.axes)
     rows = 6 * len(world.joints) + 2 * axes + 3 * len(world.points)
     direct = rows if world.engine[0].iterations == 0 else 0
     X = np.zeros((bodies, COLUMNS))
     X[:, TURN] = 1.0
-    if scene.tree.floating:
-        X[1:, PLACE:TURN] = y[slice(*scene.part("base_q"))][:3]
     words = np.random.SeedSequence(seed).generate_state(2)
     return Work(
         q=y[slice(*scene.part("q"))],
