@@ -1,7 +1,6 @@
 """Run the paper's notebooks, collect what they judge, and write the page of the paper.
 
-Writes, in the source tree, the notebooks with their outputs, docs/paper.md, and docs/reproduction/reproduction.html
-and .csv.
+Writes the outputs of the notebooks, docs/paper.md, and docs/reproduction/reproduction.html and .csv of the source tree.
 
 Takes some four minutes on two cores.
 

@@ -76,14 +76,14 @@ def reproduce(names: Sequence[str] = (), source: FilePath = SOURCE, progress: bo
 
 def check(names: Sequence[str], source: FilePath = SOURCE) -> Path:
     """Return the path of a source tree that has notebooks of these names; raise as `reproduce`."""
+    if unknown := [name for name in names if name not in (*JUDGING, PAGE)]:
+        raise ValueError(f"there is no notebook {unknown[0]!r} of the paper; notebooks: {', '.join((*JUDGING, PAGE))}")
     source = Path(source)
     if not (source / "notebooks" / f"{PAGE}.ipynb").is_file():
         raise FileNotFoundError(
             f"{source}: no notebooks of the paper; they are part of the source tree, not of the wheel: unpack the "
             "source, `pip install -e .` there, and run the command again"
         )
-    if unknown := [name for name in names if name not in (*JUDGING, PAGE)]:
-        raise ValueError(f"there is no notebook {unknown[0]!r} of the paper; notebooks: {', '.join((*JUDGING, PAGE))}")
     return source
 
 
@@ -138,9 +138,8 @@ def counts(rows: Sequence[Row]) -> str:
     all_true = sum(bool(cases) and all(cases) for cases in decided)
     none_true = sum(bool(cases) and not any(cases) for cases in decided)
     return (
-        f"{found['holds']} statements hold, {found['contradicted']} are contradicted, and {found['open']} are open; of "
-        f"these, {inside} are numbers that lie among ours. If one case in ten were not let off, {all_true} would hold and "
-        f"{none_true} be contradicted"
+        f"{found['holds']} hold; contradicted: {found['contradicted']}; open: {found['open']}, {inside} of them numbers that "
+        f"lie among ours. If no case were let off, {all_true} would hold; contradicted: {none_true}"
     )
 
 

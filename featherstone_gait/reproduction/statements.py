@@ -3,7 +3,7 @@
 The paper leaves much out (masses, gains, steps, the first gait), and most answers depend on it.  So a statement is
 judged in *cases*: each is one way to choose what is left out, or one reading of a text that has two.
 
-- *holds*: it is true in nine of ten of the cases that decide it; of a number, that all of ours are within a tenth of it;
+- *holds*: it is true in nine of ten of the cases that decide it; a number: all of ours are within a tenth of it;
 - *contradicted*: it is false in nine of ten of these;
 - *open*: all else.  A number is open, never contradicted, as the paper gives the inputs of none; its row says between
   which values ours lie, and whether the paper's is inside or outside of these.
@@ -169,7 +169,8 @@ def _plain(value: float | list[float]) -> Any:
 
 def _of_truths(cases: list[bool | None]) -> tuple[Verdict, str]:
     true, decided = cases.count(True), len(cases) - cases.count(None)
-    ours = f"true in {true} of {decided} cases" + (f", undecided in {len(cases) - decided}" * (None in cases))
+    undecided = f"undecided in {len(cases) - decided}" if None in cases else ""
+    ours = ", ".join(filter(None, (f"true in {true} of {decided} cases" if decided else "", undecided)))
     if decided and true >= (1.0 - TENTH) * decided:
         return "holds", ours
     return ("contradicted" if decided and true <= TENTH * decided else "open"), ours
