@@ -14,7 +14,7 @@ The paper leaves out what is a `Condition` here:
   sweeps (`reproduction.maximal`), which orders its rows at random, so that each walk scatters by itself;
 - whether its four states are those of a stride, or of a step that the other leg mirrors;
 - how its search is to be read, and its width: a key of `RULES`;
-- the first gait (the plain plan, or the cheapest of many), and whether a gait must walk on one floor or on eight.
+- the masses, the first gait (the plain plan, or the cheapest of many), and whether a gait must walk on eight floors.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from typing import Any, ClassVar, NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.stats import mannwhitneyu
-from setups import COLORS, planned_walk, recompiled
+from setups import COLORS, planned_walk, recompiled, scale_masses
 
 from featherstone_gait.base.files import Format, read_csv, write_csv
 from featherstone_gait.base.progress import progress_bar
@@ -92,6 +92,7 @@ class Rule(NamedTuple):
     search: type[AdaptiveSimulatedAnnealing] = AdaptiveSimulatedAnnealing
     amplitude: float = AMPLITUDE  # [rad]
     max_miss: int = MAX_MISS
+    masses: float = 1.0  # over the robot's
     scatter: float = 1.0  # over the paper's
 
 
@@ -103,6 +104,7 @@ RULES = {
     "amplitude doubled": Rule(amplitude=2.0 * AMPLITUDE),
     "MAXMISS halved": Rule(max_miss=MAX_MISS // 2),
     "MAXMISS doubled": Rule(max_miss=2 * MAX_MISS),
+    "masses x 0.81": Rule(masses=0.81),  # of the lighter of the authors' humanoids; ours is the heavier
     CLEAN: Rule(scatter=0.0),
 }
 
@@ -147,7 +149,8 @@ def first_gait(condition: Condition) -> WalkingCost:
     """Return the planned gait of a condition, on its own floor and without scatter."""
     planned = _planned(condition.plan, condition.states)
     how: dict[str, Any] = {} if condition.program == OURS else {"integrator": "simtwo", "timestep": condition.step}
-    return recompiled(planned, gearbox=condition.gearbox, **how)
+    model = scale_masses(planned.scene.model, RULES[condition.rule].masses)
+    return recompiled(planned, model, gearbox=condition.gearbox, **how)
 
 
 def measured(cost: WalkingCost, run: Trajectory) -> tuple[float, float]:
@@ -329,7 +332,7 @@ class End:
     file: ClassVar = "searches.csv"
     form: ClassVar = Format("search table")
     cases: ClassVar = (
-        Condition(gearbox="standard", rule=CLEAN),
+        *(Condition(gearbox="standard", states=s, rule=CLEAN) for s in ("stride", "step")),
         *(Condition(OURS, "mipsd", s, CLEAN, p, f)
           for f, p, s in product((1, 8), ("plain", "cheapest"), ("stride", "step"))),
         *(Condition(PAPERS, g, step=step) for step, g in product((1e-3, 2e-3), ("standard", "mipsd"))),
