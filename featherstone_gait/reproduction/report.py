@@ -138,8 +138,8 @@ def counts(rows: Sequence[Row]) -> str:
     all_true = sum(bool(cases) and all(cases) for cases in decided)
     none_true = sum(bool(cases) and not any(cases) for cases in decided)
     return (
-        f"{found['holds']} hold; contradicted: {found['contradicted']}; open: {found['open']}, {inside} of them numbers that "
-        f"lie among ours. If no case were let off, {all_true} would hold; contradicted: {none_true}"
+        f"{found['holds']} hold; contradicted: {found['contradicted']}; open: {found['open']}, {inside} of them "
+        f"numbers that lie among ours. If no case were let off, {all_true} would hold; contradicted: {none_true}"
     )
 
 

@@ -5,8 +5,8 @@ judged in *cases*: each is one way to choose what is left out, or one reading of
 
 - *holds*: it is true in nine of ten of the cases that decide it; a number: all of ours are within a tenth of it;
 - *contradicted*: it is false in nine of ten of these;
-- *open*: all else.  A number is open, never contradicted, as the paper gives the inputs of none; its row says between
-  which values ours lie, and whether the paper's is inside or outside of these.
+- *open*: all else, and where fewer than half of the cases decide.  A number is open, never contradicted, as the paper
+  gives the inputs of none; its row says between which values ours lie, and whether the paper's is inside of these.
 
 A rule of all cases would call open what is swept far enough; `counts` of the report says what it would give.
 
@@ -171,9 +171,9 @@ def _of_truths(cases: list[bool | None]) -> tuple[Verdict, str]:
     true, decided = cases.count(True), len(cases) - cases.count(None)
     undecided = f"undecided in {len(cases) - decided}" if None in cases else ""
     ours = ", ".join(filter(None, (f"true in {true} of {decided} cases" if decided else "", undecided)))
-    if decided and true >= (1.0 - TENTH) * decided:
-        return "holds", ours
-    return ("contradicted" if decided and true <= TENTH * decided else "open"), ours
+    if 2 * decided < len(cases) or TENTH * decided < true < (1.0 - TENTH) * decided:
+        return "open", ours
+    return ("holds" if 2 * true > decided else "contradicted"), ours
 
 
 def _of_numbers(statement: Statement, cases: list[list[float]]) -> tuple[Verdict, str]:

@@ -36,6 +36,7 @@ def test_the_papers_numbers_are_those_that_it_prints():
         ({"a": True, "b": True}, "holds", "true in 2 of 2 cases"),
         ({"a": False, "b": None}, "contradicted", "true in 0 of 1 cases, undecided in 1"),
         ({"a": True, "b": False}, "open", "true in 1 of 2 cases"),
+        ({"a": False, "b": None, "c": None}, "open", "true in 0 of 1 cases, undecided in 2"),
         ({"a": None}, "open", "undecided in 1"),
         (dict.fromkeys("abcdefghi", True) | {"j": False}, "holds", "true in 9 of 10 cases"),
         (dict.fromkeys("abcdefgh", True) | {"j": False}, "open", "true in 8 of 9 cases"),
