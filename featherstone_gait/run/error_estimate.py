@@ -88,10 +88,12 @@ def second_run(
     if scene.method.drives or scene.by_hand:
         return None
     if edges == 0:
-        other, *tolerances = _with_error_control(scene)
-        return SecondRun(_softer(other) or other, *tolerances)
-    if (softer := _softer(_with_step(scene, 0.5))) is not None:
-        return SecondRun(softer, share=OF_ROOT)  # where friction chatters, too
+        other, rtol, atol = _with_error_control(scene)
+        wide = _softer(other)
+        return SecondRun(other if wide is None else wide, rtol, atol)
+    wide = _softer(_with_step(scene, 0.5)) if scene.method.soft else None
+    if wide is not None:
+        return SecondRun(wide, share=OF_ROOT)  # where friction chatters, too
     every, tick, delay = steps_between_records(scene, record_interval), scene.tick_steps, scene.constants.firmware.delay
     if edges == 2 and every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
         coarse = _with_step(scene, 2.0)
@@ -131,7 +133,8 @@ def edges_on_steps(
 def _with_coarser_tolerance(scene: CompiledScene) -> CompiledScene:
     """Return the scene whose integrator takes its steps as a second run; one object, for it remembers its layout."""
     other = replace(scene, method=scene.method._replace(second_run=True))
-    return _softer(other) or other
+    wide = _softer(other)
+    return other if wide is None else wide
 
 
 def _softer(scene: CompiledScene) -> CompiledScene | None:
