@@ -43,7 +43,7 @@ def scale_masses(model: Model, times: ArrayLike) -> Model:
 def draw_angles(panels: dict, sharey: bool = True, ylabel: str = "angle [deg]"):
     """Draw the first joint of runs over time, with legends below; panels: title -> label -> run.  Return the axes."""
     with look():
-        _, axes = plt.subplots(1, len(panels), figsize=(9, 3.4), sharey=sharey, layout="constrained")
+        _, axes = plt.subplots(1, len(panels), figsize=(10.5, 3.4), sharey=sharey, layout="constrained")
         for one, (title, runs) in zip(axes, panels.items()):
             for (label, run), style in zip(runs.items(), ("-", "--", ":", "-.")):
                 one.plot(run["time"], np.degrees(run["q"][:, 0]), style, label=label)
@@ -51,6 +51,8 @@ def draw_angles(panels: dict, sharey: bool = True, ylabel: str = "angle [deg]"):
             one.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
         axes[0].set_ylabel(ylabel)
     return axes
+
+
 # ------------------------------------------------------- the paper's arm of seven joints, Figs. 7 to 10
 
 Link = float | tuple[float, float]  # mass [kg] and length [m] of the links; one number stands for both
@@ -279,6 +281,8 @@ def within(found: Sequence[float], paper: Sequence[float], factor: float = 3.0) 
 def arm_name(link: Link, Kp: float, *more: str, tilt: float = 0.01, step: float = 1e-3) -> str:
     """Return an arm and how it was held in words."""
     return ", ".join((f"{np.ravel(link)[0]:g} kg, {Kp:g} V/rad, {tilt:g} rad, {1e3 * step:g} ms", *more))
+
+
 def planned_walk(**how: Any) -> WalkingCost:
     """Plan the walk of the paper's ten-joint humanoid; how: options of `walking_cost`."""
     return walking_cost(load_robot("humanoid", locked="simplified"), **how)

@@ -20,11 +20,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from setups import scale_masses
+from setups import planned_walk, recompiled, scale_masses
 
-from featherstone_gait import load_robot, standing_state
+from featherstone_gait import standing_state
 from featherstone_gait.base.files import Format, read_csv, write_csv
-from featherstone_gait.optimize import walking_cost
 from featherstone_gait.reproduction.maximal import Engine, simulate_seeds
 from featherstone_gait.run.trajectory import Trajectory
 from featherstone_gait.walking import WalkingCost
@@ -57,13 +56,13 @@ class Row(NamedTuple):
 @functools.cache
 def planned() -> WalkingCost:
     """Plan the walk of the ten-joint humanoid: a cycle to warm up and four that are measured."""
-    return replace(walking_cost(load_robot("humanoid", locked="simplified")), warm_up=1, strides=4)
+    return replace(planned_walk(), warm_up=1, strides=4)
 
 
 def walk(gearbox: str, step: float = 1e-3, mass: float = 1.0, integrator: str = "simtwo") -> WalkingCost:
     """Return the planned walk with another gear model, step [s], masses [times] and integrator."""
-    scene, model = planned().scene, scale_masses(planned().scene.model, mass)
-    return replace(planned(), scene=scene.recompiled(model, gearbox=gearbox, integrator=integrator, timestep=step))
+    model = scale_masses(planned().scene.model, mass)
+    return recompiled(planned(), model, gearbox=gearbox, integrator=integrator, timestep=step)
 
 
 def energies(cost: WalkingCost, runs: Sequence[Trajectory]) -> np.ndarray:

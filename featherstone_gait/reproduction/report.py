@@ -134,9 +134,9 @@ def counts(rows: Sequence[Row]) -> str:
     """Return how many statements have each verdict, as text."""
     found = Counter(row.verdict for row in rows)
     inside = sum(row.ours.endswith("the paper's inside") for row in rows)
-    decided = [[case for case in row.cases.values() if case is not None] for row in rows if not row.statement.numbers]
-    all_true = sum(bool(cases) and all(cases) for cases in decided)
-    none_true = sum(bool(cases) and not any(cases) for cases in decided)
+    decided = [list(row.cases.values()) for row in rows if row.verdict != "open" and not row.statement.numbers]
+    all_true = sum(all(case in (True, None) for case in cases) for cases in decided)
+    none_true = sum(not any(cases) for cases in decided)
     return (
         f"{found['holds']} hold; contradicted: {found['contradicted']}; open: {found['open']}, {inside} of them "
         f"numbers that lie among ours. If no case were let off, {all_true} would hold; contradicted: {none_true}"

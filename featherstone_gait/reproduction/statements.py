@@ -50,6 +50,8 @@ class Statement:
         What the paper prints; empty if the statement has no number.
     unit : str
         Of the numbers.
+    printed : str
+        The numbers with the paper's unit, if they are read in another; empty if not.
     """
 
     key: str
@@ -59,11 +61,13 @@ class Statement:
     notebook: str
     numbers: tuple[float, ...] = ()
     unit: str = ""
+    printed: str = ""
 
     @property
     def paper(self) -> str:
-        """The paper's numbers with their unit; "no number" if it prints none."""
-        return f"{', '.join(f'{x:g}' for x in self.numbers)} {self.unit}" if self.numbers else "no number"
+        """The paper's numbers as it prints them, with their unit; "no number" if it prints none."""
+        numbers = f"{', '.join(f'{x:g}' for x in self.numbers)} {self.unit}" if self.numbers else "no number"
+        return self.printed or numbers
 
 
 def _statement(key: str, row: Mapping[str, Any]) -> Statement:
@@ -183,7 +187,7 @@ def _of_numbers(statement: Statement, cases: list[list[float]]) -> tuple[Verdict
         if not finite:
             return "open", f"in none of {len(cases)} cases a number"
         low, high = min(finite), max(finite)
-        spans.append(f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}")
+        spans.append(_short(low) if low == high else f"{_short(low)} to {_short(high)}")
         inside.append(low <= paper <= high)
         close.append(len(finite) == len(ours) and all(abs(x - paper) <= TENTH * abs(paper) for x in ours))
     ours_text = f"{'; '.join(spans)} {statement.unit}"
@@ -191,6 +195,11 @@ def _of_numbers(statement: Statement, cases: list[list[float]]) -> tuple[Verdict
         return "holds", ours_text
     where = "inside" if all(inside) else "outside" if not any(inside) else f"{sum(inside)} of {len(inside)} inside"
     return "open", f"{ours_text}: the paper's {where}"
+
+
+def _short(x: float) -> str:
+    """Return a number with three digits, or all before the point."""
+    return f"{x:.0f}" if abs(x) >= 1000 else f"{x:.3g}"
 
 
 class Judged:
@@ -255,7 +264,7 @@ def _shown(case: Any) -> str:
         return "true" if case else "false"
     if isinstance(case, list):
         return ", ".join(_shown(x) for x in case)
-    return f"{case:.3g}"
+    return _short(case)
 
 
 def read_judged(notebook: Path) -> list[Row]:

@@ -80,7 +80,7 @@ def test_all_notebooks_are_run_and_their_rows_written(source, quick, capsys):
     assert cli.main(["reproduce", "--quiet", "--out", str(source)]) == 0
     assert quick == [*JUDGING, PAGE]
     said = capsys.readouterr().out
-    assert said.count("here: ") == len(STATEMENTS)
+    assert len(re.findall("^ +here: ", said, re.MULTILINE)) == len(STATEMENTS)
     text = (source / "docs" / "reproduction" / "reproduction.csv").read_text("utf-8")
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
     assert [row["says"] for row in rows] == [one.says for one in STATEMENTS.values()]
