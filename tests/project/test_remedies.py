@@ -349,7 +349,9 @@ SENTENCES = [
 ]
 
 
-PUBLIC = "walking search identification envs optimize crosscheck study run.sensors run.prepare identification.bench"
+PUBLIC = (
+    "walking search identification envs optimize crosscheck judge study run.sensors run.prepare identification.bench"
+)
 
 
 @functools.cache
