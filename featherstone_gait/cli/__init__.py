@@ -22,8 +22,8 @@ from typing import Any, TextIO
 from .. import __version__
 from .arguments import LINE, Help, Parser
 
-NAMES = "info check_robots simulate drive view optimize crosscheck export study servos identify benchmark warm_up "
-NAMES += "reproduce"
+NAMES = "info check_robots simulate drive view optimize crosscheck judge export study servos identify benchmark "
+NAMES += "warm_up reproduce"
 COMMANDS = tuple(import_module(f".{name}", __name__) for name in NAMES.split())
 
 ABOUT = "Simulate robots driven by hobby servos, and search for gaits that take less energy."

@@ -104,6 +104,8 @@ class Session:
     Attributes
     ----------
     scene : CompiledScene
+    scenes : list of CompiledScene
+        Of each robot, that of its world.
     n : int
     tick : float
         Time between controller ticks [s].
@@ -566,6 +568,11 @@ class Session:
 
     def _observed(self) -> Observation:
         return {view.name: view() for view in self._views}
+
+    @property
+    def scenes(self) -> list[CompiledScene]:
+        """The scene of each robot, of its world."""
+        return [run.scene for run in self._runs]
 
     @property
     def tick(self) -> float:

@@ -121,7 +121,7 @@ class Distribution:
 Values: TypeAlias = ArrayLike | Distribution
 
 
-class _Column(NamedTuple):
+class Column(NamedTuple):
     """One field of some parts in all runs."""
 
     section: str
@@ -207,10 +207,10 @@ class Worlds:
 
         Raises ValueError for parts that the scene does not have, and for numbers that make no scene.
         """
-        columns = [*self._columns(scene)]
+        columns = [*self.columns(scene)]
         return [self._scene(scene, columns, run) for run in (range(len(self)) if runs is None else runs)]
 
-    def _scene(self, scene: CompiledScene, columns: list[_Column], run: int) -> CompiledScene:
+    def _scene(self, scene: CompiledScene, columns: list[Column], run: int) -> CompiledScene:
         changed: dict[str, dict[str, dict[str, Any]]] = {section: {} for section in FIELDS}
         for column in columns:
             for part, value in zip(column.parts, column.values[run].tolist()):
@@ -221,12 +221,13 @@ class Worlds:
         except ValueError as error:
             raise ValueError(f"world {run}: {error}") from error
 
-    def _columns(self, scene: CompiledScene) -> Iterator[_Column]:
+    def columns(self, scene: CompiledScene) -> Iterator[Column]:
+        """Yield the numbers of each field in all runs; raise ValueError for parts that the scene does not have."""
         for section in FIELDS:
             for key, value in getattr(self, section).items():
                 parts, numbers = nominal(scene, section, key)
                 name = key.rpartition(".")[2]
-                yield _Column(section, name, parts, self._values(f"{section}.{key}", value, numbers))
+                yield Column(section, name, parts, self._values(f"{section}.{key}", value, numbers))
 
     def _values(self, what: str, value: Values, numbers: np.ndarray) -> np.ndarray:
         """Return values (runs, parts, ...); numbers (parts, ...): those of the scene."""

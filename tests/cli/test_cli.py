@@ -144,7 +144,7 @@ def test_a_plain_quadruped_stands_from_the_shell(command, tmp_path, capsys):
 def test_the_setup_of_a_robot_is_the_same_for_all_commands():
     """Besides the gearbox "none", with which nothing walks, and what the defaults are."""
     found = {}
-    for command in ("info", "simulate", "drive", "view", "optimize", "crosscheck"):
+    for command in ("info", "simulate", "drive", "view", "optimize", "crosscheck", "judge"):
         actions = {action.dest: action for action in cli._parser().parse_args([command, "x"]  # x: a robot, file or gait
             if command != "optimize" else [command]).command._actions if action.option_strings}  # fmt: skip
         for name in ("base", "contacts", "servo", "gearbox"):

@@ -22,6 +22,7 @@ from featherstone_gait.view import live
 SMALLER = {
     "optimize": "--iterations 8 --worlds 2 --test-worlds 2 --no-baselines",
     "crosscheck": "--strides 1 --floors 2ms_0.9",
+    "judge": "--worlds 8 --seconds 0.5",
     "simulate": "--duration 0.2",
     "drive": "--duration 0.2 --port 8391",
     "warm-up": "my_program.py --only",

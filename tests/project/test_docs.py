@@ -90,7 +90,7 @@ def test_links_are_found():
 
 
 @pytest.mark.parametrize("part", ["", "walking", "search", "study", "run.sensors", "identification", "envs", "optimize",
-                                  "crosscheck", "reproduction.maximal", "identification.bench"])  # fmt: skip
+                                  "crosscheck", "judge", "reproduction.maximal", "identification.bench"])  # fmt: skip
 def test_the_reference_shows_and_uses_every_public_name(part):
     """Once, on the page whose program calls it if it is a function, and else names it."""
     module = importlib.import_module(f"featherstone_gait.{part}".rstrip("."))

@@ -1,0 +1,305 @@
+"""Policies judged in many worlds: the humanoid with its stored gait, and with policies that fail."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from featherstone_gait import Ground, Session, cli, compile_scene, controller, load_robot, standing_state
+from featherstone_gait.judge import Policy, PolicyDescription, compare, judge, load_policy
+from featherstone_gait.judge.description import Action, Block
+from featherstone_gait.judge.doubts import draw_worlds
+from featherstone_gait.judge.run import _Actuator, _Timing
+from featherstone_gait.judge.statistics import wilson
+from featherstone_gait.robot_file.source import robots_folder
+from featherstone_gait.walking.feedback import read_walk
+
+GAIT = robots_folder() / "humanoid" / "optimized_gait.npz"
+WIDE = {"kind": "uniform", "scale": 0.1}
+DOUBTS = {  # of a kind of scene that other quick tests compile too
+    "worlds": {
+        "ground": {"friction": {"kind": "uniform", "scale": 0.3}, "penetration": {"kind": "lognormal", "scale": 1.0}},
+        "servos": {"Kp": WIDE, "voltage_limit": WIDE, "stiffness": WIDE},
+        "links": {"mass": {"kind": "lognormal", "scale": 0.05}},
+        "reference": {"offset": {"kind": "uniform", "scale": 0.01}},
+    },
+    "sensing": {"gyroscope_noise": 0.02, "gyroscope_bias": 0.02, "gravity_noise": 0.01, "mounting": 0.02},
+    "link": {"delay": 0.02, "lost": 0.02},
+    "pushes": {"speed": 0.02, "every": 1.0},
+}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
+
+
+def leaning(scene, act):
+    """A policy of 50 Hz that sees its sensors and moves all joints."""
+    blocks = (Block("projected_gravity"), Block("base_ang_vel"), Block("joint_pos", history=2), Block("actions"))
+    joints = scene.model.joint_names
+    description = PolicyDescription(joints, (0.0,) * len(joints), 50.0, blocks, Action(scale=0.2), "leaning")
+    return Policy(act, description, "leaning")
+
+
+@pytest.fixture(scope="module")
+def walked(scene):
+    return judge(GAIT, scene, 16, 3.0, again=8, doubts=DOUBTS)
+
+
+def test_a_gait_walks_and_the_record_says_for_how_many_joules(walked, scene):
+    assert walked.walking >= 12
+    assert walked.verdict == "undecided"  # of 16 worlds that all walk the interval begins at 0.81
+    ways = walked.worlds["way"][walked.verdicts == "walks"]
+    assert (ways > 0.2).all()
+    middle, low, high = walked.spread("energy_per_way")
+    assert 20.0 < low <= middle <= high < 100.0  # the search that found it states 33 J/m in eight worlds
+    weight = scene.model.mass * 9.81
+    assert walked.spread("cost_of_transport")[0] == pytest.approx(middle / weight, rel=0.1)
+    assert np.allclose(walked.worlds["power"] * walked.worlds["time"], walked.worlds["energy"], rtol=1e-12)
+    assert walked.agreement.worlds == 8
+    assert walked.agreement.energy_per_way < 0.05
+
+
+def test_a_world_has_the_same_bits_among_others_and_on_any_number_of_threads(walked, scene):
+    few = judge(GAIT, scene, 8, 3.0, again=0, doubts=DOUBTS, threads=1)
+    for one, other in ((few.worlds, walked.worlds), (few.joints, walked.joints), (few.factors, walked.factors)):
+        for name, values in one.items():
+            assert values.tobytes() == other[name][:8].tobytes(), name
+    assert few.verdicts.tolist() == walked.verdicts[:8].tolist()
+
+
+def heading(q):
+    w, x, y, z = q[:, 3:].T
+    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def test_a_world_is_what_a_session_of_it_alone_does(scene):
+    """The references that the policy's answers make, sent by hand to robots of the same worlds, without delays."""
+    seen = []
+
+    def act(observations):
+        seen.append(observations.copy())
+        return np.sin(0.3 * len(seen) + np.arange(10.0)) + 0.1 * observations[:, :1]
+
+    doubts = {name: DOUBTS[name] for name in ("worlds", "sensing")}
+    found = judge(leaning(scene, act), scene, 8, 0.4, again=0, doubts=doubts)
+    drawn = draw_worlds(scene, 8, 0, doubts)
+    offset = drawn.sensing.offset
+    with Session(scene, observe=("q", "qd", "base_q", "base_qd"), worlds=drawn.worlds) as session:
+        now = session.reset(state=[standing_state(one, -off) for one, off in zip(session.scenes, offset)])
+        answers, before, way = np.zeros((8, 10)), None, np.zeros(8, complex)
+        for k, observations in enumerate(seen):
+            w, x, y, z = now["base_q"][:, 3:].T
+            down = np.column_stack([2 * (w * y - x * z), -2 * (y * z + w * x), 2 * (x * x + y * y) - 1])
+            assert np.abs(observations[:, :3] - down).max() < 0.08  # noise and mounting
+            assert np.abs(observations[:, 3:6] - now["base_qd"][:, 3:]).max() < 0.25
+            joints = now["q"] + offset
+            assert np.array_equal(observations[:, 6:16], joints)
+            assert np.array_equal(observations[:, 16:26], joints if before is None else before)
+            assert np.array_equal(observations[:, 26:], answers)
+            answers = np.sin(0.3 * (k + 1) + np.arange(10.0)) + 0.1 * observations[:, :1]
+            before = joints
+            limits = np.array([(one.lower, one.upper) for one in scene.model.moving_joints]).T
+            for _ in range(2):
+                first, begin = heading(now["base_q"]), now["base_q"][:, :2] @ (1, 1j)
+                now = session.step(np.clip(0.2 * answers, *limits) - offset)
+                middle = np.exp(0.5j * (first + heading(now["base_q"])))  # none turns past the back
+                way += (now["base_q"][:, :2] @ (1, 1j) - begin) / middle
+        assert len(seen) == 20
+        energy = session.state_view["energy"].reshape(8, 10, -1)[:, :, 1].sum(axis=1)
+        assert np.allclose(energy, found.worlds["energy"], rtol=1e-14)
+        assert np.abs(found.worlds["way"] - way.real).max() < 1e-13
+        assert np.abs(found.worlds["aside"] - way.imag).max() < 1e-13
+
+
+def test_worlds_that_are_looked_at_again_are_the_same_and_fill_a_page(walked, tmp_path):
+    """Those that tell most, and two others: their ways are those of the judgment."""
+    numbers = [*walked.telling().values(), 3, 11]
+    for number, run in zip(numbers, walked.runs(numbers), strict=True):
+        assert run.end_time == walked.worlds["time"][number]
+        turned = np.diff(np.unwrap(heading(run["base_q"])))
+        middle = np.exp(1j * (heading(run["base_q"])[:-1] + 0.5 * turned))
+        way = (np.diff(run["base_q"][:, :2] @ (1, 1j)) / middle).sum()
+        assert way.real == pytest.approx(walked.worlds["way"][number], abs=1e-9)
+    page = walked.page(tmp_path / "page.html")
+    assert page.path.stat().st_size > 1e5
+    assert all(caption in page.html for caption in walked.telling())
+
+
+def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked):
+    """Of three unknown worlds of 16 the interval begins as if none walked, and ends as if all did."""
+    verdicts = np.array(["walks"] * 10 + ["falls"] * 3 + ["unknown"] * 3)
+    found = replace(walked, verdicts=verdicts, unsound="too deep")
+    assert (found.walking, found.unknown, found.share) == (10, 3, 10 / 13)
+    assert found.interval == (wilson(10, 16)[0], wilson(13, 16)[1])
+    assert "3 worlds, which count as either; the first: too deep" in found.table()
+    everything = replace(walked, verdicts=np.full(16, "unknown"))
+    assert (everything.verdict, math.isnan(everything.share)) == ("undecided", True)
+    assert len(everything.table()) > 100
+    assert found.telling()
+    assert all(verdicts[k] != "unknown" for k in found.telling().values())
+
+
+def test_two_judgments_are_compared_in_the_same_worlds(walked, scene):
+    still = judge(leaning(scene, lambda x: np.zeros((len(x), 10))), scene, 16, 3.0, again=0, doubts=DOUBTS)
+    assert (still.verdicts == "falls").sum() == 0  # without a command, what stands walks as far as the others
+    text = compare([walked, still])
+    only = int(((walked.verdicts == "walks") & (still.verdicts != "walks")).sum())
+    assert f"1 in {only}" in text
+    assert max(map(len, text.splitlines())) <= 79
+    with pytest.raises(ValueError, match="records has 1; give two"):
+        compare([walked])
+
+
+def test_an_inertial_sensor_tells_what_was_a_delay_ago(scene):
+    """Steps of 20 ms are two samples of 10 ms; a delay of 30 ms at most is none to two of them."""
+    seen = []
+
+    def act(observations):
+        seen.append(observations.copy())
+        return np.tile(np.sin(0.4 * len(seen) + np.arange(10.0)), (len(observations), 1))
+
+    doubts = {"worlds": DOUBTS["worlds"], "sensing": {"sensor_delay": 0.03}}
+    found = judge(leaning(scene, act), scene, 8, 0.4, again=0, doubts=doubts)
+    late = (found.factors["delay of the sensor"] / 0.01).astype(int)
+    assert {*late} == {0, 1, 2}
+    looked = np.array(seen)  # (steps, worlds, numbers)
+    seen.clear()  # its clock begins anew
+    for world, run in enumerate(found.runs(range(8))):
+        w, x, y, z = run["base_q"][:, 3:].T
+        down = np.column_stack([2 * (w * y - x * z), -2 * (y * z + w * x), 2 * (x * x + y * y) - 1])
+        then = np.maximum(2 * np.arange(20) - late[world], 0)
+        assert np.abs(looked[:20, world, :3] - down[then]).max() < 1e-14
+
+
+def test_references_arrive_late_and_those_that_are_lost_not_at_all(scene):
+    """What the servos get at a sample is what was sent a delay before, but for lost ones; some move at most so fast."""
+    policy = leaning(scene, lambda x: x[:, :10])
+    drawn = draw_worlds(scene, 4, 0, {"worlds": {"reference": {"offset": {"kind": "uniform", "scale": 0.01}}}})
+    drawn = drawn._replace(delay=np.array([0.0, 0.01, 0.03, 0.05]))  # 0, 1, 3 and 5 samples
+    act = _Actuator(policy, scene, drawn, _Timing(2, 1, 2, 20), 0.01)
+    draws = np.random.default_rng(3)
+    actions, lost = 0.5 * draws.normal(size=(20, 4, 10)), draws.random((20, 4)) < 0.3
+    limits = np.array([(one.lower, one.upper) for one in scene.model.moving_joints]).T
+    sent, arrived = np.clip(0.2 * actions, *limits), np.zeros((21, 4, 10))
+    for step in range(20):
+        arrived[step] = np.where(lost[step, :, None], arrived[step - 1], sent[step])
+        act.send(step, actions[step], lost[step])
+        assert np.array_equal(act.targets, sent[step])  # what the policy believes
+        for sample in (2 * step, 2 * step + 1):
+            then = [(sample - late) // 2 if sample >= late else -1 for late in (0, 1, 3, 5)]
+            expected = arrived[then, np.arange(4)] - drawn.sensing.offset
+            assert np.array_equal(act.references(sample), expected)
+    own = policy.description
+    slow = replace(policy, description=replace(own, action=replace(own.action, max_speed=2.0)))
+    act = _Actuator(slow, scene, drawn, _Timing(2, 1, 2, 20), 0.01)
+    act.send(0, np.full((4, 10), 9.0), np.zeros(4, bool))
+    assert np.abs(act.targets).max() == pytest.approx(2.0 * 0.02)
+
+
+def test_a_policy_that_never_walks_breaks_without_a_number(scene):
+    fallen = judge(leaning(scene, lambda x: np.full((len(x), 10), 9.0)), scene, 8, 1.5, again=0, doubts=DOUBTS)
+    assert (fallen.walking, fallen.verdict) == (0, "breaks")
+    assert (fallen.verdicts == "falls").all()
+    assert (fallen.worlds["time"] < 1.5).all()
+    assert "no world walks" in fallen.table()
+    assert math.isnan(fallen.spread("energy_per_way")[0])
+    found = json.loads(json.dumps(fallen.as_dict(), allow_nan=False))
+    assert found["median_and_quartiles"]["energy_per_way"] == [None] * 3
+
+
+@controller(memory=1)
+def bowing(t, state, reference, command, memory):
+    memory[0] += 0.01
+    for j in (1, 6):  # both hips
+        command[j, 0] = reference[j, 0] + min(0.4 * memory[0], 0.3)
+
+
+@pytest.mark.long
+def test_a_compiled_controller_drives_all_worlds_and_is_blamed_by_its_name(scene):
+    found = judge(bowing, scene, 8, 1.0, again=0, doubts={"worlds": DOUBTS["worlds"]})
+    assert (found.policy, found.settings["rate"]) == ("bowing", 100.0)
+    run = found.runs([2])[0]
+    offset = draw_worlds(scene, 8, 0, {"worlds": DOUBTS["worlds"]}).sensing.offset[2]
+    assert run["q"][-1, [1, 6]] + offset[[1, 6]] == pytest.approx(0.3, abs=0.06)  # bowed by as much as was asked
+
+
+@pytest.mark.long
+def test_a_gait_is_played_with_the_feedback_that_its_file_has(scene):
+    """Pushed about once a second, it walks in more worlds than the same gait without."""
+    path, rough = GAIT.with_name("balanced_gait.npz"), {"pushes": {"speed": 0.15, "every": 1.0}}
+    walk = read_walk(path, scene.model.joint_names)
+    with_it, without = (judge(one, scene, 32, 5.0, again=0, doubts=rough) for one in (path, walk.motion))
+    assert with_it.walking > without.walking + 5
+
+
+@pytest.mark.parametrize(
+    ("act", "said"),
+    [
+        (lambda x: np.where(np.arange(10) == 3, np.nan, np.zeros((len(x), 1))), "left_ankle_front' in world 0 at 0 s"),
+        (lambda x: np.zeros((len(x), 9)), r"answers \(8, 9\).*expected \(8, 10\)"),
+    ],
+)
+def test_a_policy_that_answers_no_action_is_told_by_joint_world_and_time(act, said, scene):
+    with pytest.raises(ValueError, match=rf"leaning: .*{said}"):
+        judge(leaning(scene, act), scene, 8, 0.1, again=0, doubts=DOUBTS)
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"worlds": 0}, "worlds is 0"),
+        ({"seconds": math.nan}, "seconds is nan"),
+        ({"command": (0.1, 0.0)}, "command must be 3"),
+        ({"doubts": {"worlds": {"ground": {"frction": WIDE}}}}, "frction"),
+        ({"doubts": {"sensing": {"gyro": 1.0}}}, "unknown key 'gyro'"),
+        ({"doubts": {"link": {"lost": 2.0}}}, "link.lost is 2.0"),
+        ({"doubts": {"worlds": {"servos": {"backlash": {"kind": "uniform"}}}}}, "worlds.servos.backlash"),
+    ],
+)
+def test_what_is_out_of_range_is_refused_by_name(how, said, scene):
+    with pytest.raises(ValueError, match=said):
+        judge(GAIT, scene, **how)
+
+
+def test_a_rate_that_does_not_fit_the_servos_is_refused_with_one_that_does(scene):
+    own = leaning(scene, lambda x: np.zeros((len(x), 10))).description
+    odd = PolicyDescription(own.joints, own.pose, 30.0, own.observation, own.action, "odd")
+    with pytest.raises(ValueError, match=r"odd: rate is 30 Hz.*give a rate of 33\.3333 Hz"):
+        judge(lambda x: np.zeros((len(x), 10)), scene, 8, 0.1, description=odd)
+
+
+def test_a_robot_without_ground_servos_or_the_joints_is_refused(scene):
+    fixed = compile_scene(load_robot("ax12_arm"), "mipsd")
+    with pytest.raises(ValueError, match="ax12_arm: a judgment needs"):
+        judge(leaning(scene, len), fixed)
+    with pytest.raises(ValueError, match="left_hip_lateral' is none of ax12_arm"):
+        load_policy(GAIT, fixed.model)
+    with pytest.raises(ValueError, match="a function needs its description"):
+        load_policy(len, scene.model)
+
+
+def test_the_command_writes_a_row_for_each_world(tmp_path, monkeypatch, capsys):
+    doubts = tmp_path / "few.toml"
+    doubts.write_text('[worlds.ground]\nfriction = {kind = "uniform", scale = 0.3}\n', "utf-8")
+    command = ["judge", str(GAIT), "--locked", "simplified", "--doubts", str(doubts), "--worlds", "8"]
+    assert cli.main([*command, "--seconds", "0.5", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.partition("files:")[0].splitlines())) <= 79
+    assert "8 of 8 verdicts are the same" in printed
+    found = json.loads((tmp_path / "optimized_gait_judgment.json").read_text("utf-8"))
+    assert (found["worlds"], found["policy"], found["half_the_step"]["worlds"]) == (8, "optimized_gait", 8)
+    assert (tmp_path / "optimized_gait_judgment.html").stat().st_size > 5e4
+    rows = (tmp_path / "optimized_gait_judgment.csv").read_text("utf-8").splitlines()
+    assert [row.partition(",")[0] for row in rows[1:]] == ["world", *map(str, range(8))]
+    twice = ["judge", str(GAIT), *command[1:], "--seconds", "0.2", "--out", str(tmp_path), "--quiet"]
+    assert cli.main(twice) == 0
+    assert "2 walks in 0 worlds in which 1 does not, 1 in 0" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.glob("*_2_judgment.*")} == {
+        f"optimized_gait_2_judgment{ending}" for ending in (".json", ".csv", ".html")
+    }
+    assert cli.main([*command, "--command", "1,2"]) == 2
+    assert "--command is '1,2'" in capsys.readouterr().err
