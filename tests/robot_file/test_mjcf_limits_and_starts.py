@@ -124,7 +124,7 @@ def test_a_run_begins_at_the_references_of_joints(tmp_path, load):
 @pytest.mark.parametrize("what", ["cutoff", "noise", "delay", "interval"])
 def test_what_else_sensors_have_is_named(tmp_path, what):
     if what in ("delay", "interval") and not hasattr(mujoco.MjModel, f"sensor_{what}"):
-        pytest.skip("before MuJoCo 4")
+        pytest.skip(f"MuJoCo {mujoco.__version__} has no {what} of sensors to read: version 4 has")
     more = f'<sensor><force name="f" site="s" nsample="2" {what}=".02"/><force name="g" site="s"/></sensor>'
     more = more if what in ("delay", "interval") else more.replace(' nsample="2"', "")
     body = '<body name="w"><joint/><geom size=".1"/><site name="s"/></body>'
