@@ -46,7 +46,7 @@ from ..step.depth import TOO_DEEP, too_deep, watch_depth
 from ..step.derivative import derivative
 from ..step.pace import COLUMNS, EVALUATIONS, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
 from ..step.signals import evaluate
-from ..step.terrain import last_points
+from ..step.terrain import last_stage
 from ..tree.ball import unit_balls
 from ..tree.forest import base_count, joint_count
 from ..tree.kinematics import unit_quaternions
@@ -215,7 +215,7 @@ def _ends_elsewhere(implicit, run, h):
     return True
 
 
-last_points.of(Ladder)(lambda work: work.columns.C)
+last_stage.of(Ladder)(lambda work: (work.columns.W, work.columns.C))
 
 
 @watch_depth.of(Ladder)
