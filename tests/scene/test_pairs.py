@@ -259,6 +259,7 @@ def test_points_of_an_obstacle_are_those_of_the_ground(shape, points):
     assert points * pair.stiffness * 5e-4 == pytest.approx(2.0 * G, rel=1e-14)
 
 
+@pytest.mark.long
 def test_a_box_rests_on_an_obstacle_exactly_as_deep_as_on_the_ground():
     cube, depth = body(CUBE, 2.0, name="cube"), 1e-3
     table = obstacle(Box((1.0, 1.0, 0.2)), "table", (0.0, 0.0, 0.1))
