@@ -53,7 +53,7 @@ def build_contact(model: Model, tree: Tree, options: SceneOptions) -> Contact | 
             "stiffness follows from the robot's weight; give a gravity that points into the ground, gravity=(0, 0, 0), "
             "for which it follows from the weight on Earth, or ground=None"
         )
-    under = _plane(ground) if ground.field is None else _field(ground.field, ground.height)
+    under = _plane(ground) if ground.field is None else build_field(ground.field, ground.height)
     points = _points(model, tree, ground, options.pressing)
     return Contact(
         points, under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground), _surfaces(model, tree),
@@ -204,7 +204,7 @@ def _plane(ground: Ground) -> Plane:
     return Plane(plane, rises)
 
 
-def _field(field: HeightField, height: float) -> Field:
+def build_field(field: HeightField, height: float) -> Field:
     """Build the field at the ground's height, its edge repeated once so that no look-up leaves it."""
     grid, heights = records(1, GRID), np.pad(field.heights + height, 1, mode="edge")
     grid[0].origin = np.array(field.origin) - field.spacing
@@ -223,7 +223,7 @@ def ground_under(ground: Ground, points: np.ndarray) -> np.ndarray:
     points = np.ascontiguousarray(points, dtype=float)
     out = np.empty((len(points), 7))
     if ground.field is not None:
-        facets(_field(ground.field, ground.height), points, out)
+        facets(build_field(ground.field, ground.height), points, out)
         return out
     plane = _plane(ground)
     axes = plane.plane[0]
