@@ -161,8 +161,13 @@ def _servo_name(scene: CompiledScene) -> str:
 
 def _note(policy: Policy, model: Model) -> str:
     """Say what the file keeps references to, and how much stiffer servos hold than those of the policy's training."""
-    asked, kept = policy.description.stiffness, [name for name in policy.description.joints if name in model.references]
-    said = [f"the robot's file keeps the references of {some(kept, 3)} within its control ranges"] if kept else []
+    asked, limits = policy.description.stiffness, policy.description.action.limits
+    narrower = []
+    for name in policy.description.joints:
+        joint, (low, high) = model.joint(name), model.references.get(name, (-math.inf, math.inf))
+        if (low, high) != (-math.inf, math.inf) and not (limits and low <= joint.lower and joint.upper <= high):
+            narrower.append(name)
+    said = [f"the robot's file keeps references of {some(narrower, 3)} within its control ranges"] if narrower else []
     servos = [model.servos.get(name) for name in policy.description.joints if asked]
     ratios = [stiffness(servo) / b for servo, b in zip(servos, asked) if servo and b]
     middle = float(np.median(ratios)) if ratios else 1.0
