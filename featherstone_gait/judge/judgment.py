@@ -13,31 +13,14 @@ import numpy as np
 from ..base.files import FilePath, Format, write_csv
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
-from .statistics import DOUBT, Cause, causes, wilson
+from .meter import FIGURES
+from .statistics import DOUBT, NEEDED, Cause, causes, wilson
 
 if TYPE_CHECKING:
     from ..view.page import Page
 
 TABLE = Format("judgment", 1)
-NEEDED = 0.9  # share of worlds in which a policy walks that holds
 AGREES = 0.99  # share of worlds whose verdict half the step keeps, from which on the step is called short enough
-FIGURES = {  # of the table: unit, digits and what
-    "speed": ("m/s", "speed along the command"),
-    "aside": ("m", "drift to the side"),
-    "turned": ("rad", "turn of the heading"),
-    "power": ("W", "power of all servos"),
-    "energy_per_way": ("J/m", "energy by way"),
-    "cost_of_transport": ("-", "cost of transport"),
-    "clearance": ("m", "foot clearance, median swing"),
-    "least_clearance": ("m", "foot clearance, least swing"),
-    "slip": ("m/m", "slip of what carries load, by way"),
-    "near_fall": ("-", "share of time near a fall"),
-    "largest_tilt": ("rad", "largest tilt of the base"),
-    "largest_force": ("-", "largest force under a link, by the weight"),
-    "saturated": ("-", "share of saturated samples, all joints"),
-}
-
-
 UNITS = {  # of joints, as columns of the table
     "peak_torque": "peak [N m]", "rms_torque": "rms [N m]", "saturated": "saturated",
     "peak_current": "peak [A]", "rms_current": "rms [A]",

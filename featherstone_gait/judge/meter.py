@@ -18,6 +18,21 @@ from .observation import down_in_base
 FULL = 1.0 - 1e-9  # of its limit, from which on a servo is saturated
 SWING = 0.1  # [s] of the shortest swing: what is shorter is a foot that rebounds
 NEAR = 0.5  # of a fall's tilt and sinking, from where on a robot is near a fall
+FIGURES = {  # of a world, those in tables: unit, and what they are
+    "speed": ("m/s", "speed along the command"),
+    "aside": ("m", "drift to the side"),
+    "turned": ("rad", "turn of the heading"),
+    "power": ("W", "power of all servos"),
+    "energy_per_way": ("J/m", "energy by way"),
+    "cost_of_transport": ("-", "cost of transport"),
+    "clearance": ("m", "foot clearance, median swing"),
+    "least_clearance": ("m", "foot clearance, least swing"),
+    "slip": ("m/m", "slip of what carries load, by way"),
+    "near_fall": ("-", "share of time near a fall"),
+    "largest_tilt": ("rad", "largest tilt of the base"),
+    "largest_force": ("-", "largest force under a link, by the weight"),
+    "saturated": ("-", "share of saturated samples, all joints"),
+}
 LABELS = BY_NAME["energy"].labels
 
 

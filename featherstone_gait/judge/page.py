@@ -14,7 +14,8 @@ import numpy as np
 from ..base.files import FilePath
 from ..view.page import Page, render
 from ..view.recorded import Seen, page_data
-from .statistics import DOUBT, wilson
+from .meter import FIGURES
+from .statistics import DOUBT, NEEDED, wilson
 
 if TYPE_CHECKING:
     from .judgment import Judgment
@@ -72,8 +73,6 @@ def _tiles(judgment: Judgment) -> list[tuple[str, str, str]]:
 
 
 def _verdicts(judgment: Judgment) -> list[dict[str, Any]]:
-    from .judgment import NEEDED
-
     meant = {
         "walks": "upright, far enough", "stands": "upright, not far enough", "falls": "tilted or sunk",
         "unknown": "the simulation ended otherwise",
@@ -123,8 +122,6 @@ def _causes(judgment: Judgment) -> list[dict[str, Any]]:
 
 
 def _figures(judgment: Judgment) -> list[dict[str, Any]]:
-    from .judgment import FIGURES
-
     if not judgment.walking:
         return []
     rows = []

@@ -158,13 +158,7 @@ def read_actuators(
             left.setdefault(reason, []).append(row.name)
     for name, effort in efforts.items():
         by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
-    remarks = [f"{one}: {quoted(left.pop(one))}" for one in (OWN_FORCE, FREE_FORCE) if one in left]
-    gathered: dict[str, list[str]] = {RANGED: [], KEPT: remarks, FREE_TORQUE: remarks}
-    doubts = [f"{one}: {quoted(names)}" for one, names in left.items() if not one.startswith((*gathered,))]
-    gathered[RANGED] = doubts
-    for head, said in gathered.items():
-        ranges = [f"{one.removeprefix(head)} of {quoted(names)}" for one, names in left.items() if one.startswith(head)]
-        said += [f"{head}{'; '.join(ranges)}"] if ranges else []
+    doubts, remarks = _sentences(left)
     torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
     if len(torques) not in (0, len(servos)):
         remarks.append(
@@ -172,6 +166,18 @@ def read_actuators(
             f"kind: {ONE_KIND}"
         )
     return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, remarks, drives, references)
+
+
+def _sentences(left: dict[str, list[str]]) -> tuple[list[str], list[str]]:
+    """Return doubts and remarks about what is taken otherwise, by reason and names of actuators."""
+    remarks = [f"{one}: {quoted(left.pop(one))}" for one in (OWN_FORCE, FREE_FORCE) if one in left]
+    gathered: dict[str, list[str]] = {RANGED: [], KEPT: remarks, FREE_TORQUE: remarks}
+    doubts = [f"{one}: {quoted(names)}" for one, names in left.items() if not one.startswith((*gathered,))]
+    gathered[RANGED] = doubts
+    for head, said in gathered.items():
+        ranges = [f"{one.removeprefix(head)} of {quoted(names)}" for one, names in left.items() if one.startswith(head)]
+        said += [f"{head}{'; '.join(ranges)}"] if ranges else []
+    return doubts, remarks
 
 
 def turned(m: Any, k: int) -> tuple[int, float]:
