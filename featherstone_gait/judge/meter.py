@@ -16,6 +16,7 @@ from .floors import Floors
 from .observation import down_in_base
 
 FULL = 1.0 - 1e-9  # of its limit, from which on a servo is saturated
+STEPS = 0.01  # [s] least time between two looks at feet and at what is near a fall
 SWING = 0.1  # [s] of the shortest swing: what is shorter is a foot that rebounds
 NEAR = 0.5  # of a fall's tilt and sinking, from where on a robot is near a fall
 FIGURES = {  # of a world, those in tables: unit, and what they are
@@ -69,10 +70,11 @@ class Meter:
         share = scene.options.fall_height
         self._near_tilt = np.cos(NEAR * np.arccos(tilt)) if tilt >= -1.0 else -np.inf
         self._near_height = low * (1.0 - NEAR * (1.0 - share)) / share if share > 0.0 else low
-        self.near, self.slip = np.zeros((2, n))
+        self._every, self._taken = max(1, round(STEPS / sample)), 0
+        self.near, self.looks, self.slip = np.zeros((3, n))
         self._rows = np.array([scene.model.link_index(point.link) for point in scene.model.contacts])
         root = scene.model.link_index(scene.model.root)
-        self._feet = _Feet(n, [points for points in self._soles if self._rows[points[0]] != root], sample)
+        self._feet = _Feet(n, [points for points in self._soles if self._rows[points[0]] != root], sample * self._every)
         self._poses, self._points, _, _ = self._seen_points(seen)
         self._force = seen["contact_force"][:, :, 0].copy()
 
@@ -99,7 +101,9 @@ class Meter:
         normal = seen["contact_force"][:, :, 0]
         for points in self._soles:
             self.force = np.maximum(self.force, total(normal[:, points]))
-        self._walk(seen, normal, moving)
+        self._taken += 1
+        if self._taken % self._every == 0:
+            self._walk(seen, normal, moving)
         m = moving.astype(float)[:, None]
         torque = np.abs(seen["torque"])
         self.samples += m[:, 0]
@@ -136,6 +140,7 @@ class Meter:
         borne = total(load)
         self.slip += moving * total(load * np.sqrt(total(along * along))) / np.where(borne > 0.0, borne, 1.0)
         up = -total(down_in_base(seen["base_q"]) * self._up)
+        self.looks += moving
         self.near += moving & ((up < self._near_tilt) | (over[:, -1] < self._near_height))
         self._feet.take(over[:, :-1], force > 0.0, moving)
         self._poses, self._points, self._force = poses, points, force.copy()
@@ -158,7 +163,7 @@ class Meter:
             "cost_of_transport": per_way / (masses * gravity), "saturated": (self.saturated / samples).mean(axis=1),
             "largest_tilt": angle_of(np.sqrt(np.maximum(1.0 - self.upright**2, 0.0)), self.upright),
             "largest_force": self.force / (masses * gravity), "clearance": clearance, "least_clearance": least,
-            "slip": slip, "near_fall": self.near / samples[:, 0],
+            "slip": slip, "near_fall": self.near / np.maximum(self.looks, 1.0),
         }  # fmt: skip
         joints = {
             "peak_torque": self.peak_torque, "rms_torque": np.sqrt(self.squares / samples),
