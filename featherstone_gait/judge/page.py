@@ -31,9 +31,10 @@ def write_page(judgment: Judgment, path: FilePath) -> Page:
     assert judgment.scenes is not None
     told = judgment.telling()
     numbers = [*told.values()]
-    scenes, runs = judgment.scenes(numbers), judgment.runs(numbers)
-    seen = {caption: Seen(one.model, run, one.ground) for caption, one, run in zip(told, scenes, runs)}
-    data = page_data(seen) if seen else {}
+    data: dict[str, Any] = {}
+    if numbers:
+        scenes, runs = judgment.scenes(numbers), judgment.runs(numbers)
+        data = page_data({caption: Seen(one.model, run, one.ground) for caption, one, run in zip(told, scenes, runs)})
     page = Page(render(f"{judgment.policy} on {judgment.robot}", data | {"report": report_of(judgment)}))
     page.save(path)
     return page

@@ -200,16 +200,18 @@ def test_a_page_fits_a_phone_and_has_the_verdict_before_the_pictures(walked, tmp
         assert told["fills"] == "rgb(0, 114, 178)"  # the blue of Okabe and Ito
 
 
-def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked):
+def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked, tmp_path):
     """The interval spans both cases: that none of three unknown worlds walks, and that all do."""
     verdicts = np.array(["walks"] * 10 + ["falls"] * 3 + ["unknown"] * 3)
     found = replace(walked, verdicts=verdicts, unsound="too deep")
     assert (found.walking, found.unknown, found.share) == (10, 3, 10 / 13)
     assert found.interval == (wilson(10, 16)[0], wilson(13, 16)[1])
     assert "3 worlds, which count as either; the first: too deep" in found.table()
-    everything = replace(walked, verdicts=np.full(16, "unknown"))
+    everything = replace(found, verdicts=np.full(16, "unknown"))
     assert (everything.verdict, math.isnan(everything.share)) == ("undecided", True)
     assert len(everything.table()) > 100
+    assert not everything.telling()
+    assert "too deep" in everything.page(tmp_path / "none.html").html  # which shows no robot
     assert found.telling()
     assert all(verdicts[k] != "unknown" for k in found.telling().values())
 
