@@ -69,7 +69,8 @@ def _tiles(judgment: Judgment) -> list[tuple[str, str, str]]:
     ]
     for name, what, unit in (("energy_per_way", "energy", "J/m"), ("speed", "speed", "m/s")):
         middle, first, last = judgment.spread(name)
-        found.append((what, f"{_number(middle)} {unit}", f"median; quartiles {_number(first)} to {_number(last)}"))
+        if math.isfinite(middle):
+            found.append((what, f"{_number(middle)} {unit}", f"median; quartiles {_number(first)} to {_number(last)}"))
     return found
 
 
