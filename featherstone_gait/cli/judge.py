@@ -2,8 +2,9 @@
 
 Worlds differ in floors, servos, masses, battery, zeros, sensors and delays.
 
-Writes POLICY_judgment.json (what the table says, and more), .csv (a row for each world) and .html (the robot in the
-median world and in the worst one).  Of several policies a last table compares them in the same worlds.
+Writes POLICY_judgment.json (what the table says, and more), .csv (a row for each world) and .html (all of it for a
+browser, with the robot in the median world and in the worst one).  Of several policies a last table compares them in
+the same worlds.
 
 Takes about a minute for 200 worlds of 10 s on two cores, compiling aside.
 

@@ -6,6 +6,7 @@ world alone, so that more worlds, or other tables, change none of them.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -20,6 +21,7 @@ from ..robot_file.toml import check_keys, read_toml
 from ..run.worlds import Worlds
 from ..scene.compile import CompiledScene
 from ..study.draws import OFFSET, read_draws
+from .floors import MOST_NODES, rough_fields, start_radius
 
 DEFAULT = Path(__file__).parent / "worlds.toml"
 MOTOR = ("voltage_limit", "resistance", "motor_constant", "backlash")  # without effect on servos of a torque law
@@ -28,7 +30,7 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Numbers:
-    """The tables [sensing], [link] and [pushes]: what is no number of the scene; 0 is none of it."""
+    """The tables [roughness], [sensing], [link] and [pushes]: what is no number of the scene; 0 is none of it."""
 
     gyroscope_noise: float = 0.0  # [rad/s]
     gyroscope_bias: float = 0.0  # [rad/s]
@@ -41,9 +43,14 @@ class Numbers:
     lost: float = 0.0
     speed: float = 0.0  # [m/s]
     every: float = 3.0  # [s]
+    height: float = 0.0  # [m]
+    cell: float = 0.05  # [m]
 
 
-TABLES = {"sensing": [f.name for f in fields(Numbers)][:7], "link": ["delay", "lost"], "pushes": ["speed", "every"]}
+TABLES = {
+    "roughness": ["height", "cell"], "sensing": [f.name for f in fields(Numbers)][:7], "link": ["delay", "lost"],
+    "pushes": ["speed", "every"],
+}  # fmt: skip
 
 
 class Sensing(NamedTuple):
@@ -85,14 +92,17 @@ class Drawn(NamedTuple):
             tables.setdefault(section, {})[key] = values[rows]
         s = self.sensing
         sensing = s._replace(**{name: getattr(s, name)[rows] for name in ("offset", "bias", "mounting", "late")})
-        worlds = Worlds(runs=len(rows), **tables)
+        worlds = Worlds(runs=len(rows), **tables, fields=[self.worlds.fields[k] for k in rows if self.worlds.fields])
         return self._replace(worlds=worlds, sensing=sensing, delay=self.delay[rows], who=self.who[rows])
 
 
 def draw_worlds(
-    scene: CompiledScene, count: int, seed: int = 0, source: FilePath | Mapping[str, Any] | None = None
-) -> Drawn:
+    scene: CompiledScene, count: int, seed: int = 0, source: FilePath | Mapping[str, Any] | None = None,
+    reach: float = 3.0,
+) -> Drawn:  # fmt: skip
     """Draw worlds; source: a TOML file or its tables, None for the default, of which what does not apply is left out.
+
+    reach: how far from the start a rough ground goes on, to each side [m].
 
     Raises ValueError, naming file and key.
     """
@@ -101,6 +111,8 @@ def draw_worlds(
         table: Mapping[str, Any] = path if isinstance(path, Mapping) else read_toml(Path(path))
         check_keys(table, ("worlds", *TABLES), "worlds")
         numbers = _numbers(table)
+        if numbers.height:
+            _check_roughness(scene, numbers, count, reach)
         given, left_out = _applying(scene, table.get("worlds", {}), source is None)
         found = read_draws(given, scene) if given else ()
     except ValueError as error:
@@ -121,7 +133,42 @@ def draw_worlds(
         getattr(numbers, name) * _generator(seed, name).uniform(0.0, 1.0, count) for name in ("delay", "sensor_delay")
     )
     sensing = Sensing(offset, either("gyroscope_bias", 3), either("mounting", 3), late, numbers, seed)
-    return Drawn(worlds, sensing, delay, _factors(scene, worlds, sensing, delay), left_out, np.arange(count))
+    factors = _factors(scene, worlds, sensing, delay)
+    if numbers.height:
+        worlds, factors["roughness"] = _roughened(scene, worlds, numbers, reach)
+    return Drawn(worlds, sensing, delay, factors, left_out, np.arange(count))
+
+
+def _check_roughness(scene: CompiledScene, numbers: Numbers, count: int, reach: float) -> None:
+    """Raise ValueError for a ground that cannot be roughened, and for too many nodes."""
+    ground = scene.ground
+    assert ground is not None
+    own = "a field" if ground.field is not None else "steps" if ground.steps else "a surface that moves"
+    if ground.field is not None or ground.steps or ground.moves:
+        raise ValueError(
+            f"roughness.height is {numbers.height:g} m, and the ground of {scene.model.name} has {own}: roughness "
+            "takes a plane at rest; leave one of the two out"
+        )
+    real("roughness.cell", numbers.cell, 1e-3, 10.0, "it is the distance of two nodes [m]: 0.05 is half a foot")
+    nodes = count * (2.0 * reach / numbers.cell + 1.0) ** 2
+    if nodes > MOST_NODES:
+        least = 2.0 * reach / ((MOST_NODES / count) ** 0.5 - 1.0)
+        raise ValueError(
+            f"roughness.cell is {numbers.cell:g} m: {count} worlds of {2.0 * reach:.3g} m width have {nodes:.2g} "
+            f"nodes, at most {MOST_NODES:.0e}; give a cell of {least:.2g} m or more, fewer worlds or less time"
+        )
+
+
+def _roughened(scene: CompiledScene, worlds: Worlds, numbers: Numbers, reach: float) -> tuple[Worlds, np.ndarray]:
+    """Return worlds on height fields, which have the slope of their planes, and the roughness of each (n,) [m]."""
+    plane = {"slope": np.full(len(worlds), scene.ground.slope), "heading": np.full(len(worlds), scene.ground.heading)}  # type: ignore[union-attr]
+    plane |= {one.name: one.values[:, 0] for one in worlds.columns(scene) if one.name in plane}
+    heights = numbers.height * _generator(worlds.seed, "roughness").random(len(worlds))
+    even = start_radius(scene) + numbers.cell
+    seed = [worlds.seed, crc32(b"heights")]
+    fields = rough_fields(heights, plane["slope"], plane["heading"], numbers.cell, reach, even, seed)
+    level = {**worlds.ground, "slope": 0.0, "heading": 0.0}
+    return dataclasses.replace(worlds, ground=level, fields=fields), heights
 
 
 def _generator(seed: int, name: str) -> np.random.Generator:

@@ -13,27 +13,14 @@ import numpy as np
 from ..base.files import FilePath, Format, write_csv
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
-from .statistics import DOUBT, Cause, causes, wilson
+from .meter import FIGURES
+from .statistics import DOUBT, NEEDED, Cause, causes, wilson
 
 if TYPE_CHECKING:
     from ..view.page import Page
 
 TABLE = Format("judgment", 1)
-NEEDED = 0.9  # share of worlds in which a policy walks that holds
 AGREES = 0.99  # share of worlds whose verdict half the step keeps, from which on the step is called short enough
-FIGURES = {  # of the table: unit, digits and what
-    "speed": ("m/s", "speed along the command"),
-    "aside": ("m", "drift to the side"),
-    "turned": ("rad", "turn of the heading"),
-    "power": ("W", "power of all servos"),
-    "energy_per_way": ("J/m", "energy by way"),
-    "cost_of_transport": ("-", "cost of transport"),
-    "largest_tilt": ("rad", "largest tilt of the base"),
-    "largest_force": ("-", "largest force under a link, by the weight"),
-    "saturated": ("-", "share of saturated samples, all joints"),
-}
-
-
 UNITS = {  # of joints, as columns of the table
     "peak_torque": "peak [N m]", "rms_torque": "rms [N m]", "saturated": "saturated",
     "peak_current": "peak [A]", "rms_current": "rms [A]",
@@ -76,15 +63,15 @@ class Judgment:
     left_out : dict of str
         What of the distributions does not apply to this robot, and why.
     note : str
-        What of the servos does not fit what the policy was trained with, "" if nothing is known.
+        What the robot's file keeps references to, and what of the servos does not fit the training; "" of none.
     unsound : str
         Why the first world of which the verdict is unknown ended, "" of none.
     seconds : dict of float
         How long it took [s], of the clock and of processors, and the policy's share; not part of the results.
     scene : CompiledScene
         The robot on its floor, before anything is drawn.
-    runs : callable
-        Simulates worlds of these numbers again and returns their trajectories, to the same bits.
+    runs, scenes : callable
+        Simulates worlds of these numbers again and returns their trajectories, to the same bits; and their scenes.
     """
 
     policy: str
@@ -103,6 +90,7 @@ class Judgment:
     seconds: dict[str, float] = field(default_factory=dict)
     scene: CompiledScene | None = None
     runs: Callable[[Sequence[int]], list[Trajectory]] | None = None
+    scenes: Callable[[Sequence[int]], list[CompiledScene]] | None = None
 
     def __repr__(self) -> str:
         low, high = self.interval
@@ -188,13 +176,13 @@ class Judgment:
             "worlds": len(self.verdicts), "verdict": self.verdict, "share": self.share, "interval": [*self.interval],
             **counts, "median_and_quartiles": {name: [*self.spread(name)] for name in FIGURES},
             "causes": [cause._asdict() for cause in self.causes[:5]], "saturates_first": self.saturates_first,
-            "joints": {name: dict(zip(self.joint_names, row)) for name, row in self._by_joint().items()},
+            "joints": {name: dict(zip(self.joint_names, row)) for name, row in self.by_joint().items()},
             "half_the_step": self.agreement and self.agreement._asdict(), "left_out": self.left_out,
             "note": self.note, "unsound": self.unsound,
         }  # fmt: skip
         return _plain(found)
 
-    def _by_joint(self) -> dict[str, list[float]]:
+    def by_joint(self) -> dict[str, list[float]]:
         """Return the largest peak of all worlds, and medians of the others, of each joint."""
         found = {}
         for name, values in self.joints.items():
@@ -216,6 +204,13 @@ class Judgment:
             "because": self.why(),
             "energy": self.settings["energy"],
         }
+        text |= self.reservations()
+        wrapped = [textwrap.fill(f"{name:12}{said}", LINE, subsequent_indent=" " * 12) for name, said in text.items()]
+        return "\n".join([*wrapped, *self._figures(), *self._of_joints()])
+
+    def reservations(self) -> dict[str, str]:
+        """Return by topic how far the judgment is to be trusted, and what it leaves out."""
+        text = {}
         if self.agreement is not None:
             again, same, by = self.agreement
             enough = "the step is short enough" if same >= AGREES * again else "THE STEP DECIDES: take a shorter one"
@@ -226,8 +221,7 @@ class Judgment:
             text["servos"] = self.note
         if self.left_out:
             text["not drawn"] = ", ".join(self.left_out)
-        wrapped = [textwrap.fill(f"{name:12}{said}", LINE, subsequent_indent=" " * 12) for name, said in text.items()]
-        return "\n".join([*wrapped, *self._figures(), *self._of_joints()])
+        return text
 
     def _figures(self) -> list[str]:
         if not self.walking:
@@ -240,7 +234,7 @@ class Judgment:
 
     def _of_joints(self) -> list[str]:
         """Return a row for each joint: the largest peaks of all worlds, medians of the others."""
-        rows = self._by_joint()
+        rows = self.by_joint()
         found = ["", f"{'joint':19}" + "".join(f"{UNITS[name]:>12}" for name in rows)]
         for k, name in enumerate(self.joint_names):
             found.append(f"{name[:18]:19}" + "".join(f"{row[k]:12.3g}" for row in rows.values()))
@@ -263,13 +257,10 @@ class Judgment:
         return found
 
     def page(self, path: FilePath) -> Page:
-        """Write a page that shows the robot in the median world and in the worst one."""
-        from ..view.shown import show
+        """Write a page with the verdict, the robot in the median world and in the worst one, charts and tables."""
+        from .page import write_page
 
-        assert self.runs is not None
-        worlds = self.telling()
-        first, *others = self.runs([*worlds.values()])
-        return show(first, self.scene, *others, captions=[*worlds], path=path)
+        return write_page(self, path)
 
     def write_csv(self, path: FilePath) -> None:
         """Write a row for each world: its verdict, what was measured, what was drawn."""

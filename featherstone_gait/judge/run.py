@@ -15,7 +15,6 @@ from ..base.brief import some
 from ..base.files import FilePath
 from ..core.compile.lanes import WIDTH
 from ..model import TORQUE_LAWS, Ground, Model, Servo
-from ..model.rest_posture import nearest_posture, standing_keyframe
 from ..robot_file.servos import load_servo, servo_names
 from ..run.program import with_ticks
 from ..run.session import Session
@@ -26,6 +25,7 @@ from ..scene.actuator import GearboxKind, servo_gearbox
 from ..scene.compile import CompiledScene, compile_scene
 from .description import PolicyDescription
 from .doubts import Drawn, draw_worlds
+from .floors import rest
 from .judgment import Agreement, Judgment
 from .meter import Meter, measured_channels
 from .observation import Observer, channels_of
@@ -38,6 +38,7 @@ WHOLE = 1e-6  # tolerance of ticks in a step of the policy
 STIFFER = 0.2  # share by which servos may hold more or less stiffly without a note
 RECORD = ("q", "base_q", "contact_force")
 HARD = 1e-4  # penetration of the floor under a robot that stands, on wood or tiles with soles of plastic or rubber [m]
+SPEED, ROOM = 0.3, 1.0  # [m/s], [m]: a rough ground reaches as far as a robot of this speed gets, and this further
 AGAIN = 64  # worlds that are simulated again at half the step
 ELECTRICAL = "from the supply, without what flows back"
 MECHANICAL = "mechanical and positive alone: these servos have no motor, so what a supply gives is not known"
@@ -104,13 +105,14 @@ def judge(
     seed = whole("seed", seed, 0, "it is the seed of the draws")
     again = min(whole("again", again, 0, "0 leaves it out", MOST_WORLDS), count)
     least = real("least", least, 0.0, 1.0, "it is a share of the commanded way")
-    drawn = draw_worlds(scene, count, seed, doubts)
+    reach = max(float(np.hypot(asked[0], asked[1])), SPEED) * end + ROOM
+    drawn = draw_worlds(scene, count, seed, doubts, reach)
     found = _roll(acting, scene, drawn, end, asked, threads)
     verdicts = _verdicts(found, acting, asked, end, least)
     agreement = None
     if again and not scene.adaptive:
         other = scene.recompiled(timestep=0.5 * scene.timestep)
-        fine = _roll(acting, other, draw_worlds(other, again, seed, doubts), end, asked, threads)
+        fine = _roll(acting, other, draw_worlds(other, again, seed, doubts, reach), end, asked, threads)
         agreement = _agreement(verdicts[:again], found, _verdicts(fine, acting, asked, end, least), fine)
     settings = {
         "command": asked.tolist(), "seconds": end, "seed": seed, "least": least, "integrator": scene.integrator,
@@ -125,8 +127,8 @@ def judge(
 
     return Judgment(
         acting.name, scene.model.name, _servo_name(scene), settings, verdicts, found.worlds, found.joints,
-        scene.model.joint_names, drawn.factors, agreement, drawn.left_out, _note(acting, scene), found.why, took,
-        scene, runs,
+        scene.model.joint_names, drawn.factors, agreement, drawn.left_out, _note(acting, scene.model), found.why, took,
+        scene, runs, lambda who: drawn.worlds.scenes(scene, who),
     )  # fmt: skip
 
 
@@ -157,21 +159,32 @@ def _servo_name(scene: CompiledScene) -> str:
     return some(dict.fromkeys(texts), 3)
 
 
-def _note(policy: Policy, scene: CompiledScene) -> str:
-    """Say by how much the servos hold more or less stiffly than those that the policy was trained with."""
-    asked = policy.description.stiffness
-    servos = [scene.model.servos.get(name) for name in policy.description.joints if asked]
+def _note(policy: Policy, model: Model) -> str:
+    """Say what the file keeps references to, and how much stiffer servos hold than those of the policy's training."""
+    asked, limits = policy.description.stiffness, policy.description.action.limits
+    narrower = []
+    for name in policy.description.joints:
+        joint, (low, high) = model.joint(name), model.references.get(name, (-math.inf, math.inf))
+        if (low, high) != (-math.inf, math.inf) and not (limits and low <= joint.lower and joint.upper <= high):
+            narrower.append(name)
+    said = [f"the robot's file keeps references of {some(narrower, 3)} within its control ranges"] if narrower else []
+    servos = [model.servos.get(name) for name in policy.description.joints if asked]
     ratios = [stiffness(servo) / b for servo, b in zip(servos, asked) if servo and b]
     middle = float(np.median(ratios)) if ratios else 1.0
-    if abs(middle - 1.0) < STIFFER:
-        return ""
-    return f"they hold {middle:.2g} times as stiffly as those of the policy's description: another gain of the servos?"
+    if abs(middle - 1.0) >= STIFFER:
+        said += [f"they hold {middle:.2g} times as stiffly as those of the policy's description: another gain of them?"]
+    return "; ".join(said)
 
 
 def stiffness(servo: Servo) -> float:
     """Return the torque of a servo by the error of its angle [N m/rad]."""
     law = servo.controller
     return law.Kp * (1.0 if law.law in TORQUE_LAWS else servo.motor_constant * servo.gearbox.ratio / servo.resistance)
+
+
+def _file_ranges(model: Model, joints: Sequence[str]) -> np.ndarray:
+    """Return the least and the largest reference (2, joints) that the engine of the robot's file lets through."""
+    return np.array([model.references.get(name, (-np.inf, np.inf)) for name in joints]).reshape(-1, 2).T
 
 
 class _Rolled(NamedTuple):
@@ -224,9 +237,11 @@ class _Actuator:
         free = np.full(len(names), np.inf)
         self.low, self.high = (low, high) if own.limits else (-free, free)
         self.low, self.high = np.maximum(self.low, own.lower), np.minimum(self.high, own.upper)
+        least, most = _file_ranges(model, names)
+        self.low, self.high = np.clip((self.low, self.high), least, most)
         self.action, self.pose, self.offset = own, np.array(policy.description.pose), drawn.sensing.offset
         self.most = own.max_speed * timing.period * tick
-        self.rest = _rest(scene)
+        self.rest = scene.model.single_positions(rest(scene.model))
         self.rest[self.columns] = np.clip(self.pose, low, high)
         self.targets = np.broadcast_to(self.rest[self.columns], (n, len(names))).copy()
         self._timing, self._robots = timing, np.arange(n)
@@ -247,12 +262,6 @@ class _Actuator:
         found = np.broadcast_to(self.rest, (len(sent), len(self.rest))).copy()
         found[:, self.columns] = self._kept[sent % len(self._kept), self._robots]
         return found - self.offset
-
-
-def _rest(scene: CompiledScene) -> np.ndarray:
-    """Return the joints' angles (joints,) of a robot that stands: of its keyframe, else as near to zero as may be."""
-    q = standing_keyframe(scene.model)
-    return scene.model.single_positions(nearest_posture(scene.model)) if q is None else np.array(q[7:], float)
 
 
 def _roll(

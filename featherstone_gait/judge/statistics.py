@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 Z = 1.959963984540054  # of 95 %
+NEEDED = 0.9  # share of worlds in which a policy walks that holds
 DOUBT = 0.05  # chance at which one of all factors tried stands out by itself
 FEWEST = 5  # in the smaller group, below which nothing is said
 

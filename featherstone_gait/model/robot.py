@@ -41,6 +41,7 @@ from .tree_checks import (
     check_links,
     check_locked,
     check_mimics,
+    check_references,
     check_servos,
     check_tree,
     links_of_pairs,
@@ -97,6 +98,9 @@ class Model:
         Sensors on links, which runs record and sessions observe by their names; those of a scene by "robot/name".
     included : tuple of (str, str)
         Pairs of links, or of shapes "link/shape", that touch each other although one joint connects them.
+    references : Mapping of str to (float, float)
+        Range in which the engine of the robot's file keeps the reference of a joint's servo [rad or m]; `judge` does
+        too, other runs follow references as they are.
 
     Raises
     ------
@@ -124,6 +128,7 @@ class Model:
     propellers: tuple[Propeller, ...] = ()
     sensors: tuple[Sensor | SampledSensor, ...] = ()
     included: tuple[tuple[str, str], ...] = ()
+    references: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         counts = {
@@ -159,6 +164,7 @@ class Model:
         check_propellers(self.joints, self.propellers)
         object.__setattr__(self, "sensors", check_sensors(what, self.sensors, [link.name for link in self.links]))
         check_can_move(self.joints, self.held)
+        check_references(self.degrees.joints, self.references)
         for name, q in self.keyframes.items():
             check(vector_flaws(f"keyframe {name!r}", "q", q, self.nq))
             for ball, whole in zip(self.balls, self.ball_names):
@@ -496,7 +502,7 @@ _PARTS = {
     "links": Link, "joints": Joint, "contacts": ContactPoint, "shapes": Shape, "loops": Loop, "tendons": Tendon,
     "immersed": Immersed, "propellers": Propeller,
 }  # fmt: skip
-_TABLES = ("locked", "servos", "keyframes")
+_TABLES = ("locked", "servos", "keyframes", "references")
 
 
 def rigid_bodies(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from ..base.arguments import instance
 from ..base.flaws import Flaw, FlawError, quoted
-from .checks import check, check_angles, number_flaws
+from .checks import check, check_angles, number_flaws, vector_flaws
 from .links import Joint, Link, Spring
 
 
@@ -85,6 +85,17 @@ def check_locked(joints: Iterable[Joint], locked: Mapping[str, float]) -> None:
                 f"{what}: position {position!r} is outside its limits {joint.lower!r} to {joint.upper!r}; hold it at a "
                 "position between them"
             )
+
+
+def check_references(joints: Iterable[Joint], references: Mapping[str, tuple[float, float]]) -> None:
+    """Raise ValueError unless every range of references is that of a joint, and of two numbers in order."""
+    by_name = {joint.name: joint for joint in joints}
+    for name, given in references.items():
+        what = f"references of joint {name!r}"
+        _movable(by_name, name, "references")
+        check(vector_flaws(what, "range", given, 2))
+        if not given[0] <= given[1]:
+            raise ValueError(f"{what}: range is {given!r} [rad or m]; give the lower end first")
 
 
 def check_mimics(joints: Iterable[Joint]) -> None:

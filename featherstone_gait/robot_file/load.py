@@ -199,6 +199,7 @@ def model_of(path: Path, robot: Robot, settings: Settings, report: Report, packa
             contacts=_with_surfaces(settings.contacts, moving),
             shapes=_as_stated(_with_surfaces(_with_each(robot.shapes, moving, report), moving), settings, report),
             keyframes={**keyframes, **settings.keyframes},
+            references={**robot.references, **settings.references},
             notes=report.notes(),
             source=str(path),
             supply=settings.supply,

@@ -33,6 +33,7 @@ class Robot(NamedTuple):
     propellers: tuple[Propeller, ...] = ()
     sensors: tuple[Sensor | SampledSensor, ...] = ()
     included: tuple[tuple[str, str], ...] = ()  # neighbors that do
+    references: Mapping[str, tuple[float, float]] = {}  # ranges, by joint
     stated: Settings = Settings()  # by a <text> of this package
 
 

@@ -17,7 +17,7 @@ from ..model.pair_friction import FIELDS
 from ..model.sensor import SampledSensor, Sensor
 from ..model.shapes import Shape
 from ..model.tendon import check_tendons
-from ..model.tree_checks import check_links, check_locked, links_of_pairs
+from ..model.tree_checks import check_links, check_locked, check_references, links_of_pairs
 from .report import Report
 from .sensors import read_sensors
 from .servos import read_servos
@@ -59,6 +59,7 @@ SECTIONS = (
     *OWN,
     "shapes",
     "keyframes",
+    "references",
     "excluded",
     "included",
     "loops",
@@ -70,6 +71,7 @@ SECTIONS = (
 # Of the <text> that `save_robot` writes within MJCF:
 PASSIVE = ("velocity", "damping", "friction", "armature")  # keys of [joints.NAME] beside the others
 GEOMS = "geoms"  # names of those that stand for contact points
+MAPS = ("locked", "servos", "shapes", "references")  # fields of `Settings` whose entries are stated one by one
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
@@ -112,11 +114,12 @@ class Settings(NamedTuple):
     propellers: tuple[Propeller, ...] = ()
     sensors: tuple[Sensor | SampledSensor, ...] = ()
     included: tuple[tuple[str, str], ...] = ()  # neighbors that do
+    references: Mapping[str, tuple[float, float]] = {}  # ranges, by joint
 
     def under(self, other: Settings) -> Settings:
         """Return both, of which the other one's count where both state the same."""
         whole: dict[str, Any] = {name: over or own for name, own, over in zip(self._fields, self, other)}
-        maps = {name: {**getattr(self, name), **getattr(other, name)} for name in ("locked", "servos", "shapes")}
+        maps = {name: {**getattr(self, name), **getattr(other, name)} for name in MAPS}
         parts = {
             section: {name: {**own.get(name, {}), **over.get(name, {})} for name in {**own, **over}}
             for section, own, over in ((key, self.parts[key], other.parts[key]) for key in OWN)
@@ -196,6 +199,9 @@ def _section(
         return {name: record(Supply, inside, name)}
     if name == "shapes":
         return {name: _each(inside, inside, lambda key: _of_shape(table_of(inside, key, "shapes."), f"shapes.{key}"))}
+    if name == "references":
+        check_references(degrees_of(joints).joints, inside)
+        return {name: {key: (float(low), float(high)) for key, (low, high) in inside.items()}}
     if name == "keyframes":
         found = _each(inside, inside, lambda key: _keyframe(inside, key, joints))
         postures = {key: q for key, q in found.items() if isinstance(q, Posture)}

@@ -123,7 +123,8 @@ def drive_lines(model: Model, servos: Collection[str]) -> list[str]:
         parts = (servo.controller, servo.gearbox, servo)
         stated = {f.name: getattr(part, f.name) for part in parts for f in PARTS[type(part)]}
         tables[f"servos.joints.{written(name)}"] = stated
-    return table_lines(tables)
+    ranges = {written(name): limits for name, limits in model.references.items() if name in servos}
+    return table_lines(tables | ({"references": ranges} if ranges else {}))
 
 
 def immersed_lines(immersed: Iterable[Immersed]) -> list[str]:

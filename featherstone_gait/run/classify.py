@@ -29,6 +29,8 @@ CHATTER_LIMIT = 0.05  # [rad/s or m/s]; see `worst_chatter` in core/step/state.p
 # For a rule that rings about the right mean after an impact: the amplitude of the joint's motion, half of what counts
 # as a wrong result [rad or m].
 RINGING_LIMIT = 5e-4
+BETWEEN = "half of the thinner one, or two depths at rest"
+ON_GROUND = "half of what is thin there, or a contact point under twice the weight, or a tenth of the standing height"
 LOOSE = 1e-5  # least eigenvalue of the scaled mass matrix, below which it is what ends a run
 
 
@@ -177,12 +179,12 @@ def _crowded(scene: CompiledScene, y: np.ndarray) -> str:
 
 def _sunk(scene: CompiledScene, y: np.ndarray) -> str:
     """Return a sentence on the deepest contact of a state, by how deep it may be: between bodies, or on the ground."""
-    found, pairs, contact = list[tuple[float, float, str]](), scene.touching.table, scene.constants.contact
+    found, pairs, contact = list[tuple[float, float, str, str]](), scene.touching.table, scene.constants.contact
     if pairs is not None:
         rows, gaps = (y[slice(*scene.part(name))] for name in ("pair", "pair_gap"))
         for row, gap in zip(rows[rows > 0].astype(int) - 1, gaps[rows > 0]):
             most = float(pairs.pairs.deepest[row])
-            found.append((-gap / most, most, " and ".join(map(repr, scene.pairs[row]))))
+            found.append((-gap / most, most, " and ".join(map(repr, scene.pairs[row])), BETWEEN))
     if contact is not None:
         alone = [(one.scene, scene.state_of(one.name, y), f"{one.name}/") for one in scene.members]
         for of, own, name in alone or [(scene, y, "")]:
@@ -193,9 +195,9 @@ def _sunk(scene: CompiledScene, y: np.ndarray) -> str:
                 limits = of.constants.contact.points.deepest
                 k = int((depths / limits).argmax())
                 link = name + of.model.contacts[order[k]].link
-                found.append((float(depths[k] / limits[k]), float(limits[k]), f"{link!r} and 'ground'"))
-    _, most, names = max(found, default=(0.0, 0.0, "bodies"))
-    return f"{names} are in each other by more than {most:.3g} m: half of the thinner one, or two depths at rest"
+                found.append((float(depths[k] / limits[k]), float(limits[k]), f"{link!r} and 'ground'", ON_GROUND))
+    _, most, names, what = max(found, default=(0.0, 0.0, "bodies", BETWEEN))
+    return f"{names} are in each other by more than {most:.3g} m: {what}"
 
 
 def _who_fell(scene: CompiledScene, y: np.ndarray) -> str:

@@ -37,7 +37,8 @@ class Status(StrEnum):
     TOO_MANY_CONTACTS
         "too many contacts": more pairs came near than the pool has slots for, and the run ended there.
     TOO_DEEP
-        "too deep": a body sank into another or the ground by more than half of its thickness, and the run ended there.
+        "too deep": a body sank into another or the ground by more than half of its thickness (a thin foot: deeper than
+        its weight on few points explains), and the run ended there.
     """
 
     OK = "ok"

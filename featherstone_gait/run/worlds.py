@@ -22,10 +22,10 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import floats, instance, one_of, real, shown, truth, whole
+from ..base.arguments import floats, instance, listed, one_of, real, shown, truth, whole
 from ..base.brief import brief
 from ..base.portable_math import exp
-from ..model import LARGEST, Controller, Gearbox, Ground, Servo, Supply
+from ..model import LARGEST, Controller, Gearbox, Ground, HeightField, Servo, Supply
 from ..scene.compile import CompiledScene
 
 Kind = Literal["uniform", "normal", "lognormal"]
@@ -148,6 +148,8 @@ class Worlds:
         draw.
     gravity : array_like or None
         Gravity (3,) or (runs, 3) [m/s^2].
+    fields : sequence of HeightField
+        The height field of the ground in each run; runs share lanes where all have as many nodes.  Empty: the scene's.
     seed : int
         Seed of the draws; those of a field do not depend on other fields, nor those of a run on the number of runs.
 
@@ -172,6 +174,7 @@ class Worlds:
     supply: Mapping[str, Values] = field(default_factory=dict)
     places: Mapping[str, Values] = field(default_factory=dict)
     pairs: Mapping[str, Values] = field(default_factory=dict)
+    fields: Sequence[HeightField] = ()
 
     __repr__ = brief
 
@@ -192,6 +195,10 @@ class Worlds:
                 raise ValueError(f"worlds: gravity has the shape {gravity.shape}; give (3,) or (runs, 3) [m/s^2]")
             object.__setattr__(self, "gravity", gravity)
             sizes |= {"gravity": len(gravity)} if gravity.ndim == 2 else {}
+        object.__setattr__(self, "fields", tuple(listed("worlds: fields", self.fields, "give a HeightField for each")))
+        for one in self.fields:
+            instance("worlds: fields", one, HeightField, "give a HeightField for each run")
+        sizes |= {"fields": len(self.fields)} if self.fields else {}
         if len(set(sizes.values())) != 1:
             found = ", ".join(f"{name} {size}" for name, size in sizes.items()) or "no runs and no array"
             raise ValueError(f"worlds: the number of runs is not clear: {found}; give arrays of one length, or runs")
@@ -216,6 +223,10 @@ class Worlds:
             for part, value in zip(column.parts, column.values[run].tolist()):
                 changed[column.section].setdefault(part, {})[column.name] = value
         gravity = None if self.gravity is None else np.broadcast_to(self.gravity, (len(self), 3))[run]
+        if self.fields:
+            if scene.ground is None:
+                raise ValueError(f"worlds: fields are given, but {scene.model.name} has no ground; give Ground()")
+            changed["ground"].setdefault("", {})["field"] = self.fields[run]
         try:
             return _scene_with(scene, changed, gravity)
         except ValueError as error:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .options import SceneOptions
 
 TWO_DEPTHS = 2.0  # of resting, which are no sinking in, however thin a body is
+SUNK = 0.1  # of its standing height, from where on a robot on a plane is too deep in it whatever presses it
 
 
 def build_contact(model: Model, tree: Tree, options: SceneOptions) -> Contact | None:
@@ -53,7 +54,7 @@ def build_contact(model: Model, tree: Tree, options: SceneOptions) -> Contact | 
             "stiffness follows from the robot's weight; give a gravity that points into the ground, gravity=(0, 0, 0), "
             "for which it follows from the weight on Earth, or ground=None"
         )
-    under = _plane(ground) if ground.field is None else _field(ground.field, ground.height)
+    under = _plane(ground) if ground.field is None else build_field(ground.field, ground.height)
     points = _points(model, tree, ground, options.pressing)
     return Contact(
         points, under, _curvature(model, tree), _motion(ground), _rollers(model, tree, ground), _surfaces(model, tree),
@@ -127,8 +128,22 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
     table.tangential_stiffness = k
     table.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
     rise = max((abs(rise) for _, rise in ground.steps), default=0.0)  # a toe is that deep behind a rise's face
-    table.deepest = np.maximum(_half_sizes(model, contacts), TWO_DEPTHS * ground.penetration) + rise
+    table.deepest = np.maximum(_half_sizes(model, contacts), _usual_depth(model, ground)) + rise
     return table
+
+
+def _usual_depth(model: Model, ground: Ground) -> float:
+    """Return how deep a contact point may be however thin its link is [m].
+
+    On a height field it is two depths at rest.  A plane has no far side on which a foot could come out: it may be as
+    deep as twice the robot's weight presses one point in, for a robot on the edge of a foot rests on few of its points,
+    but not deeper than a share of its standing height.
+    """
+    if ground.field is not None or model.base == "fixed":
+        return TWO_DEPTHS * ground.penetration
+    points = sum(point.load_bearing for point in model.contacts) or len(model.contacts)
+    on_one = min(TWO_DEPTHS * points * ground.penetration, SUNK * standing_posture(model)[0])
+    return max(TWO_DEPTHS * ground.penetration, on_one)
 
 
 def _half_sizes(model: Model, contacts: Sequence[ContactPoint]) -> list[float]:
@@ -204,7 +219,7 @@ def _plane(ground: Ground) -> Plane:
     return Plane(plane, rises)
 
 
-def _field(field: HeightField, height: float) -> Field:
+def build_field(field: HeightField, height: float) -> Field:
     """Build the field at the ground's height, its edge repeated once so that no look-up leaves it."""
     grid, heights = records(1, GRID), np.pad(field.heights + height, 1, mode="edge")
     grid[0].origin = np.array(field.origin) - field.spacing
@@ -223,7 +238,7 @@ def ground_under(ground: Ground, points: np.ndarray) -> np.ndarray:
     points = np.ascontiguousarray(points, dtype=float)
     out = np.empty((len(points), 7))
     if ground.field is not None:
-        facets(_field(ground.field, ground.height), points, out)
+        facets(build_field(ground.field, ground.height), points, out)
         return out
     plane = _plane(ground)
     axes = plane.plane[0]

@@ -611,7 +611,8 @@ function fit() {  // pictures get what the window leaves, so that the controls a
   const half = rows > 1 || data.live ? 0 : innerHeight / 2;  // of the window at least is the picture
   for (const { canvas } of panels) {
     const room = Math.max((innerHeight - around - plots) / rows - rest, half);
-    canvas.style.height = Math.round(Math.max(110, Math.min((innerWidth <= 600 ? 1.2 : 0.8) * canvas.clientWidth, room))) + "px";
+    const height = data.report ? 0.66 * canvas.clientWidth : Math.min((innerWidth <= 600 ? 1.2 : 0.8) * canvas.clientWidth, room);
+    canvas.style.height = Math.round(Math.max(110, height)) + "px";
   }
   plotLayers();
   state.dirty = true;
@@ -914,6 +915,18 @@ const CHARTS = {
   },
 };
 
+CHARTS.histogram = ({ edges, counts, median, x: along, y: up }) => {  // counts of what lies between edges, and the median
+  const height = 230, foot = height - FOOT - 14, [low, high] = [edges[0], edges.at(-1)], most = 1.05 * Math.max(...counts);
+  const x = v => LEFT + (W - LEFT - RIGHT) * (v - low) / (high - low || 1), y = n => 22 + (foot - 22) * (1 - n / most), parts = [];
+  const whole = ticks(0, most, 5)[0].filter(Number.isInteger);
+  for (const t of whole) parts.push(label(LEFT - 6, y(t) + 4, t, "end"), line("axis", LEFT, y(t), W - RIGHT, y(t)));
+  for (const t of round(low, high)) parts.push(label(x(t), foot + 16, t, "middle"), line("axis", x(t), foot, x(t), foot + 4));
+  counts.forEach((n, k) => parts.push(`<rect class="bar" x="${x(edges[k]).toFixed(1)}" y="${y(n).toFixed(1)}" width="${(x(edges[k + 1]) - x(edges[k])).toFixed(1)}" height="${(foot - y(n)).toFixed(1)}"/>`));
+  const late = x(median) > 0.6 * W;
+  parts.push(line("median", x(median), 10, x(median), foot), label(x(median) + (late ? -5 : 5), 18, "median " + Number(median.toPrecision(3)), late ? "end" : "start"));
+  return [height, ...parts, label(LEFT - 6, 14, up, "middle"), label((LEFT + W - RIGHT) / 2, height - 6, along, "middle")];
+};
+
 function chart(part) {
   const [height, ...drawn] = CHARTS[part.chart](part), box = made("div", "", made("p", "soft", part.what));
   box.insertAdjacentHTML("beforeend", `<svg viewBox="0 0 ${W} ${height}" role="img" aria-label="${safe(part.what)}">${drawn.join("")}</svg>`);
@@ -923,10 +936,11 @@ function chart(part) {
 function report({ lead, tiles, sections }) {
   document.body.classList.add("reports");
   const parts = section => section.parts.map(part => part.chart ? chart(part) : part.head ? table(part) : prose(part));
-  $("report").append(
+  const first = [
     made("p", "soft", lead),
-    made("div", "tiles", ...tiles.map(([name, value, note]) => made("div", "tile", made("span", "soft", name), made("b", "", value), made("small", "", note)))),
-    ...sections.map(section => made("section", "", made("h2", "", section.title), ...parts(section))));
+    made("div", "tiles", ...tiles.map(([name, value, note]) => made("div", "tile", made("span", "soft", name), made("b", "", value), made("small", "", note))))];
+  if (data.runs.length) $("views").before(...first); else $("report").append(...first);
+  $("report").append(...sections.map(section => made("section", "", made("h2", "", section.title), ...parts(section))));
 }
 
 // ------------------------------------------------------------------------------------------- time

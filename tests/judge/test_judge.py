@@ -1,19 +1,24 @@
 """Policies judged in many worlds: the humanoid with its stored gait, and with policies that fail."""
 
+import itertools
 import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from browser import found_in
 
 from featherstone_gait import Ground, Session, cli, compile_scene, controller, load_robot, standing_state
+from featherstone_gait.dynamics import center_of_mass, contact_positions_at, forward_kinematics
 from featherstone_gait.judge import Policy, PolicyDescription, compare, judge, load_policy
 from featherstone_gait.judge.description import Action, Block
 from featherstone_gait.judge.doubts import draw_worlds
+from featherstone_gait.judge.page import report_of
 from featherstone_gait.judge.run import _Actuator, _Timing
 from featherstone_gait.judge.statistics import wilson
 from featherstone_gait.robot_file.source import robots_folder
+from featherstone_gait.scene.contact import plane_axes
 from featherstone_gait.walking.feedback import read_walk
 
 GAIT = robots_folder() / "humanoid" / "optimized_gait.npz"
@@ -129,16 +134,84 @@ def test_worlds_that_are_looked_at_again_are_the_same_and_fill_a_page(walked, tm
     assert all(caption in page.html for caption in walked.telling())
 
 
-def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked):
+def steps_of(run, scene):
+    """Clearances of all swings, slip [m] and share of time near a fall, from a trajectory at the judgment's samples."""
+    model, q = scene.model, np.hstack([run["base_q"], run["q"]])
+    poses, force = forward_kinematics(model, q), run["contact_force"][:, :, 0]
+    points, heights, slip = contact_positions_at(model, poses), [], 0.0
+    links = [point.link for point in model.contacts]
+    up, level = plane_axes(scene.ground)[0], scene.ground.height * plane_axes(scene.ground)[0, 2]
+    for foot in dict.fromkeys(links):
+        own = [k for k, link in enumerate(links) if link == foot]
+        on = np.flatnonzero((force[:, own] > 0.0).any(axis=1))
+        for a, b in itertools.pairwise(on):
+            if b - a > 0.1 / 0.01:
+                heights.append((points[a + 1 : b, own] @ up - level).min(axis=1).max())
+    rows = [model.link_index(link) for link in links]
+    for k in range(len(q) - 1):
+        load = np.minimum(force[k], force[k + 1])
+        R, other = poses.rotation[k, rows], poses.rotation[k + 1, rows]
+        arm = np.einsum("pji,pj->pi", R, points[k] - poses.position[k, rows])
+        moved = poses.position[k + 1, rows] + np.einsum("pij,pj->pi", other, arm) - points[k]
+        along = np.linalg.norm(moved - np.outer(moved @ up, up), axis=1)
+        slip += load @ along / load.sum() if load.any() else 0.0
+    near = center_of_mass(model, q) @ up - level < 0.8 * scene.fall_height / 0.6
+    tilted = poses.rotation[:, 0, 2, 2] < math.cos(math.radians(22.5))
+    return heights, slip, (near | tilted)[1:].mean()
+
+
+def test_steps_are_measured_as_in_the_trajectories_of_the_worlds(walked):
+    assert (walked.worlds["clearance"] > 0.01).any()
+    for number, run, scene in zip((0, 5), walked.runs([0, 5]), walked.scenes([0, 5])):
+        heights, slip, near = steps_of(run, scene)
+        own = {name: values[number] for name, values in walked.worlds.items()}
+        assert len(heights) >= 4
+        found = own["clearance"], own["least_clearance"]
+        assert found == pytest.approx((np.median(heights), min(heights)), abs=1e-12)
+        assert own["slip"] * own["way"] == pytest.approx(slip, rel=1e-9)
+        assert own["near_fall"] == pytest.approx(near, abs=1e-12)
+
+
+LOOK = """
+const told = { wide: document.documentElement.scrollWidth - innerWidth };
+told.views = document.querySelectorAll("#views canvas").length;
+told.tiles = [...document.querySelectorAll(".tile b")].map(e => e.textContent);
+told.bars = document.querySelectorAll("rect.bar").length;
+told.median = document.querySelectorAll("line.median").length;
+told.texts = [...document.querySelectorAll("svg text")].map(e => e.textContent);
+told.fills = getComputedStyle(document.querySelector("rect.bar")).fill;
+return told;
+"""
+
+
+def test_a_page_fits_a_phone_and_has_the_verdict_before_the_pictures(walked, tmp_path):
+    found, console = found_in(walked.page(tmp_path / "page.html").html, LOOK, tmp_path, sizes=((1200, 900), (360, 740)))
+    assert console == []
+    parts = [part for section in report_of(walked)["sections"] for part in section["parts"]]
+    chart = next(part for part in parts if "chart" in part)
+    costs = walked.worlds["energy_per_way"][walked.verdicts == "walks"]
+    assert sum(chart["counts"]) == np.isfinite(costs).sum()
+    assert chart["median"] == np.median(costs)
+    for told in found:
+        assert told["wide"] <= 0
+        assert (told["views"], told["bars"], told["median"]) == (2, len(chart["counts"]), 1)
+        assert told["tiles"][0] == walked.verdict
+        assert {"J/m", "worlds"} <= {*told["texts"]}
+        assert told["fills"] == "rgb(0, 114, 178)"  # the blue of Okabe and Ito
+
+
+def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked, tmp_path):
     """The interval spans both cases: that none of three unknown worlds walks, and that all do."""
     verdicts = np.array(["walks"] * 10 + ["falls"] * 3 + ["unknown"] * 3)
     found = replace(walked, verdicts=verdicts, unsound="too deep")
     assert (found.walking, found.unknown, found.share) == (10, 3, 10 / 13)
     assert found.interval == (wilson(10, 16)[0], wilson(13, 16)[1])
     assert "3 worlds, which count as either; the first: too deep" in found.table()
-    everything = replace(walked, verdicts=np.full(16, "unknown"))
+    everything = replace(found, verdicts=np.full(16, "unknown"))
     assert (everything.verdict, math.isnan(everything.share)) == ("undecided", True)
     assert len(everything.table()) > 100
+    assert not everything.telling()
+    assert "too deep" in everything.page(tmp_path / "none.html").html  # which shows no robot
     assert found.telling()
     assert all(verdicts[k] != "unknown" for k in found.telling().values())
 
@@ -195,6 +268,12 @@ def test_references_arrive_late_and_those_that_are_lost_not_at_all(scene):
             then = [(sample - late) // 2 if sample >= late else -1 for late in (0, 1, 3, 5)]
             expected = arrived[then, np.arange(4)] - drawn.sensing.offset
             assert np.array_equal(act.references(sample), expected)
+    files = replace(scene.model, references={"left_knee": (-0.05, 0.1)})  # of the engine of the robot's file
+    ranged = _Actuator(policy, replace(scene, model=files), drawn, _Timing(2, 1, 2, 20), 0.01)
+    ranged.send(0, np.full((4, 10), 9.0), np.zeros(4, bool))
+    knee, all_the_way = scene.model.joint_names.index("left_knee"), np.minimum(limits[1], 0.2 * 9.0)
+    assert np.array_equal(np.delete(ranged.targets, knee, 1), np.delete(np.tile(all_the_way, (4, 1)), knee, 1))
+    assert (ranged.targets[:, knee] == 0.1).all()
     own = policy.description
     slow = replace(policy, description=replace(own, action=replace(own.action, max_speed=2.0)))
     act = _Actuator(slow, scene, drawn, _Timing(2, 1, 2, 20), 0.01)
@@ -259,6 +338,7 @@ def test_a_policy_that_answers_no_action_is_told_by_joint_world_and_time(act, sa
         ({"doubts": {"worlds": {"ground": {"frction": WIDE}}}}, "frction"),
         ({"doubts": {"sensing": {"gyro": 1.0}}}, "unknown key 'gyro'"),
         ({"doubts": {"link": {"lost": 2.0}}}, "link.lost is 2.0"),
+        ({"doubts": {"roughness": {"height": 0.01, "cell": 1e-3}}}, "roughness.cell is 0.001 m.*give a cell of"),
         ({"doubts": {"worlds": {"servos": {"backlash": {"kind": "uniform"}}}}}, "worlds.servos.backlash"),
     ],
 )

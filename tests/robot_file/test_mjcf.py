@@ -474,13 +474,20 @@ def test_position_actuator_is_a_clamped_pd_servo(write, q):
         f"dcmotor joint='j' {DC} ctrlrange='-25 10'",
     ],
 )
-def test_the_range_to_which_mujoco_clamps_references_is_named(write, actuator):
+def test_the_range_to_which_mujoco_clamps_references_is_kept_and_named(write, actuator, tmp_path):
     """Beyond it, controls give the torque of the reference at its end."""
     path = write(JOINT % f"<{actuator}/>")
-    with pytest.warns(RobotFileWarning, match="MuJoCo clamps"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RobotFileWarning)  # of the gear and the scale
         model = load_robot(path)
-    (low, high), note = (-0.5, 0.2), next(note for note in model.notes if "MuJoCo clamps" in note)
+    (low, high), note = model.references["j"], next(note for note in model.notes if "as `Model.references`" in note)
+    assert (low, high) == pytest.approx((-0.5, 0.2), abs=1e-15)
     assert f"{low:g} to {high:g}" in note
+    for name in ("again.urdf", "again.xml"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RobotFileWarning)
+            save_robot(model, tmp_path / name)
+            assert load_robot(tmp_path / name).references["j"] == pytest.approx((low, high), rel=1e-12)
     servo = model.servos["j"]
     ends = sorted(joint_torques(path, 0.0, 0.0, u) for u in (-1e3, 1e3))
     rotor = servo.gearbox.ratio * servo.motor_constant / servo.resistance if servo.resistance else 1.0
@@ -558,7 +565,6 @@ def test_actuators_without_a_like_are_warned_of(write, kind):
     [
         ('<position joint="j" kp="3" timeconst="0.1"/>', "took activations of actuators as being at once"),
         ('<position joint="j" kp="3" gear="-2"/>', "took the joint's angle, u/gear"),
-        ('<position joint="j" kp="3" ctrlrange="-1 1"/>', "ctrlrange of actuators"),
         ('<position joint="j" kp="3" forcerange="-1 5"/>', "larger end of forcerange"),
         ('<position joint="j" kp="3" damping="0 2 0"/>', "nonlinear damping of actuators"),
         ('<position joint="j" kp="3" timeconst="0.1" delay="0.01" nsample="3"/>', "delay of actuators"),

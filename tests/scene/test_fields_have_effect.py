@@ -402,6 +402,7 @@ NO_NUMBERS = {
     "Joint.velocity": "a limit that plans and checks read; a run goes on beyond it",
     "Placed.ground_contact": "a switch, which test_forest.py tests",
     "Model.keyframes": "postures by name",
+    "Model.references": "ranges that a judgment keeps to, which test_judge.py tests",
     "PairContact.max_points": "room alone: a run that needs more ends",
     "Mesh.scale": "reads a file; a hull after that",
 }

@@ -9,11 +9,16 @@ from touching import obstacle, placed
 from featherstone_gait import (
     Box,
     Capsule,
+    ContactPoint,
     Ground,
+    HeightField,
+    Link,
+    Model,
     PairContact,
     Placed,
     SceneModel,
     Session,
+    Shape,
     Sphere,
     body,
     compile_scene,
@@ -153,6 +158,39 @@ def test_what_is_dropped_on_a_light_body_ends_the_run_and_is_named():
             session.step()
         assert session.status == ["too deep"]
         assert session.time[0] == pytest.approx(run.end_time, abs=2e-3)
+
+
+def standing_on_three(count, thickness=0.002, high=0.3):
+    """A body of 1 kg on a thin plate of so many contact points, of which three are lower than the others."""
+    corners = [(0.05, 0.05, 0.0), (0.05, -0.05, 0.0), (-0.1, 0.0, 0.0)]
+    at = [*corners, *((0.001 * k, 0.0, 0.05) for k in range(count - 3))]
+    points = tuple(ContactPoint("plate", one) for one in at)
+    plate = Link("plate", mass=1.0, center_of_mass=(0.0, 0.0, high), inertia=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
+    shapes = (Shape("plate", Box((0.1, 0.1, thickness))),)
+    return Model("plate", (plate,), (), "floating", contacts=points, shapes=shapes)
+
+
+def test_a_thin_foot_may_stand_on_few_of_its_points_on_a_plane():
+    """Its weight on 3 of 30 points presses them in by 10 times the stated depth, and the plane bears it."""
+    scene = compile_scene(standing_on_three(30), ground=Ground(), integrator="midpoint", timestep=1e-3)
+    run = simulate(scene, 1.0, record=("base_q",))
+    assert run.status == "ok"
+    assert -run["base_q"][-1, 2] == pytest.approx(30 / 3 * 5e-4, rel=1e-3)  # more than half of the plate, 1 mm
+    start = run.final.copy()
+    for height, status in ((-0.028, "ok"), (-0.032, "too deep")):  # 30 mm: 2 * 30 * 0.5 mm, or a tenth of 0.3 m
+        start[scene.layout["base_q"] + 2] = height
+        assert simulate(scene, 0.002, start).status == status
+
+
+@pytest.mark.parametrize(
+    ("count", "high", "depth"), [(30, 0.3, 0.03), (30, 0.1, 0.01), (4, 0.3, 0.004), (3, 0.01, 0.001), (30, 0.3, None)]
+)
+def test_how_deep_a_thin_foot_may_be(count, high, depth):
+    """Twice the weight on one point, at most a tenth of the standing height, and two depths at rest in any case."""
+    field = HeightField(np.zeros((3, 3)), (1.0, 1.0), (-1.0, -1.0)) if depth is None else None
+    scene = compile_scene(standing_on_three(count, high=high), ground=Ground(field=field))
+    found = scene.constants.contact.points.deepest
+    assert found == pytest.approx(np.full(count, 0.001 if depth is None else depth), rel=1e-12)
 
 
 THROUGH = {

@@ -54,8 +54,12 @@ OWN_LENGTH = "took the tendon's length as the reference of actuators on tendons 
 OWN_FORCE = "took actuators on tendons as drives without Kp, whose forces (gear gain control) are those of tau"
 FREE_FORCE = "ignored the ctrlrange of actuators on tendons, for forces of tau"
 RANGED = (
-    "ignored the ctrlrange of actuators, since references have no limits: keep references [rad or m] where MuJoCo "
-    "clamps them: "
+    "ignored the ctrlrange of actuators on tendons, since references have no limits: keep references [rad or m] where "
+    "MuJoCo clamps them: "
+)
+KEPT = (
+    "took the ctrlrange of actuators as `Model.references`: `judge` keeps references [rad or m] there, where MuJoCo "
+    "clamps them, and other runs do not: "
 )
 FREE_TORQUE = "took limits of motors as efforts, which limit no tau: keep tau [N m or N] where MuJoCo clamps it: "
 LARGER_END = "took the larger end of forcerange of actuators, or of actuatorfrcrange of tendons, either way"
@@ -70,6 +74,7 @@ class Actuators(NamedTuple):
     doubts: list[str]
     remarks: list[str]
     drives: dict[int, Controller]  # by tendon
+    references: dict[str, tuple[float, float]]  # ranges, by joint
 
 
 class _Read(NamedTuple):
@@ -78,6 +83,7 @@ class _Read(NamedTuple):
     servo: Servo | None = None
     effort: float | None = None  # of a motor, the most that it gives the joint
     reasons: tuple[str, ...] = ()  # what of it is taken otherwise, or not at all
+    reference: tuple[float, float] = INFINITE
 
 
 class _Row(NamedTuple):
@@ -110,6 +116,7 @@ def read_actuators(
     """
     by_name = {joint.name: joint for joint in joints}
     servos: dict[str, Servo] = {}
+    references: dict[str, tuple[float, float]] = {}
     drives: dict[int, Controller] = {}
     efforts: dict[str, float] = {}
     left: dict[str, list[str]] = {}
@@ -140,27 +147,37 @@ def read_actuators(
             before, g2 = by_name[name], row.gear * row.gear
             damping, armature = before.damping + g2 * row.damping, before.armature + g2 * row.armature
             by_name[name] = replace(before, armature=armature, damping=damping)
-        servo, effort, reasons = _read(row, float(m.opt.timestep))
+        servo, effort, reasons, reference = _read(row, float(m.opt.timestep))
         if effort is not None:
             efforts[name] = efforts.get(name, 0.0) + effort
         if servo is not None and servos.setdefault(name, servo) is not servo:
-            reasons = (TAKEN_ALREADY,)
+            reasons, reference = (TAKEN_ALREADY,), INFINITE
+        if reference != INFINITE:
+            references[name] = reference
         for reason in reasons:
             left.setdefault(reason, []).append(row.name)
     for name, effort in efforts.items():
         by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
-    remarks = [f"{one}: {quoted(left.pop(one))}" for one in (OWN_FORCE, FREE_FORCE) if one in left]
-    doubts = [f"{one}: {quoted(names)}" for one, names in left.items() if not one.startswith((RANGED, FREE_TORQUE))]
-    for head, said in ((RANGED, doubts), (FREE_TORQUE, remarks)):
-        ranges = [f"{one.removeprefix(head)} of {quoted(names)}" for one, names in left.items() if one.startswith(head)]
-        said += [f"{head}{'; '.join(ranges)}"] if ranges else []
+    doubts, remarks = _sentences(left)
     torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
     if len(torques) not in (0, len(servos)):
         remarks.append(
             f"servos of joints {quoted(torques)} have a torque law, the others are sampled; compile_scene takes one "
             f"kind: {ONE_KIND}"
         )
-    return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, remarks, drives)
+    return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, remarks, drives, references)
+
+
+def _sentences(left: dict[str, list[str]]) -> tuple[list[str], list[str]]:
+    """Return doubts and remarks about what is taken otherwise, by reason and names of actuators."""
+    remarks = [f"{one}: {quoted(left.pop(one))}" for one in (OWN_FORCE, FREE_FORCE) if one in left]
+    gathered: dict[str, list[str]] = {RANGED: [], KEPT: remarks, FREE_TORQUE: remarks}
+    doubts = [f"{one}: {quoted(names)}" for one, names in left.items() if not one.startswith((*gathered,))]
+    gathered[RANGED] = doubts
+    for head, said in gathered.items():
+        ranges = [f"{one.removeprefix(head)} of {quoted(names)}" for one, names in left.items() if one.startswith(head)]
+        said += [f"{head}{'; '.join(ranges)}"] if ranges else []
+    return doubts, remarks
 
 
 def turned(m: Any, k: int) -> tuple[int, float]:
@@ -235,10 +252,9 @@ def _read(row: _Row, timestep: float) -> _Read:
     if row.kind[0] == DC_DYNAMICS:
         servo, reasons = _dc_motor(row, timestep)
         turned = (OWN_ANGLE,) * (row.gear < 0)
-        kept = _range(row, 1.0) if row.gear and row.inputs & POSITION_INPUT else {}
-        beyond = (reason for reason, holds in kept.items() if holds)
+        kept = _range(row, 1.0) if row.gear and row.inputs & POSITION_INPUT else INFINITE
         ignored = (f"ignored actuators {reason}" for reason in reasons)
-        return _Read(servo, reasons=(*ignored, *beyond, *turned, *row.more))
+        return _Read(servo, None, (*ignored, *_said(KEPT, kept), *turned, *row.more), kept)
     if row.kind == (NO_DYNAMICS, FIXED_GAIN, NO_BIAS):
         return _motor(row)
     linear = row.kind[1:] == (FIXED_GAIN, AFFINE_BIAS) and row.gain[0] > 0 and row.bias[1] < 0 and not row.bias[0]
@@ -266,10 +282,10 @@ def _position(row: _Row) -> _Read:
         "took activations of actuators as being at once, though they are filtered": row.kind[0] != NO_DYNAMICS,
         OWN_ANGLE: row.gear != 1,
         SCALED: row.gain[0] != -row.bias[1],
-        **_range(row, row.gain[0] / -row.bias[1]),
         LARGER_END: row.uneven[1],
     }
-    return _Read(Servo(law), reasons=(*(reason for reason, holds in found.items() if holds), *row.more))
+    kept, reasons = _range(row, row.gain[0] / -row.bias[1]), (reason for reason, holds in found.items() if holds)
+    return _Read(Servo(law), None, (*reasons, *_said(KEPT, kept), *row.more), kept)
 
 
 def _tendon_drive(row: _Row) -> tuple[Controller | None, tuple[str, ...]]:
@@ -292,14 +308,20 @@ def _tendon_drive(row: _Row) -> tuple[Controller | None, tuple[str, ...]]:
     }
     if Kp:
         found[OWN_LENGTH] = row.gear != 1 or bias[0] != 0 or row.gain[0] != -bias[1]
-        found |= _range(row, row.gain[0] / -bias[1], bias[0] / -bias[1])
+        found |= dict.fromkeys(_said(RANGED, _range(row, row.gain[0] / -bias[1], bias[0] / -bias[1])), True)
     return law, (*(reason for reason, holds in found.items() if holds), *row.more)
 
 
-def _range(row: _Row, gain: float, offset: float = 0.0) -> dict[str, bool]:
-    """Return what MuJoCo clamps and a reference is not, where gear times angle or length is gain u + offset."""
+def _range(row: _Row, gain: float, offset: float = 0.0) -> tuple[float, float]:
+    """Return where MuJoCo keeps a reference, whose angle or length times the gear is gain u + offset."""
     low, high = sorted((gain * u + offset) / row.gear for u in row.controls)
-    return {f"{RANGED}{low:.6g} to {high:.6g}": math.isfinite(high - low)}
+    return (low, high) if math.isfinite(high - low) else INFINITE
+
+
+def _said(head: str, reference: tuple[float, float]) -> tuple[str, ...]:
+    """Return the words about a range, none about an infinite one."""
+    low, high = reference
+    return (f"{head}{low:.6g} to {high:.6g}",) if math.isfinite(high - low) else ()
 
 
 def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:

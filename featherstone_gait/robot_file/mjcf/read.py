@@ -49,7 +49,8 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
         report.refuse(None, "there is no <body>; a robot needs one or more: add them to <worldbody>")
     for problem in refusals(m, tree):
         report.refuse(None, problem)
-    actuators, stated, settings = Actuators({}, tree.joints, [], [], {}), Stated(path, documents.values()), Settings()
+    actuators, settings = Actuators({}, tree.joints, [], [], {}, {}), Settings()
+    stated = Stated(path, documents.values())
     with report.blaming():
         settings = stated.of("", tree.links, tree.joints, report)
         actuators = read_actuators(m, tree, tree.joints, taken(m, tree), settings.servos)
@@ -89,7 +90,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
         name_of(m, path), tree.links, actuators.joints, shapes, tree.base, held_by(m, tree), actuators.servos,
         postures_of(m, tree), tuple(as_names(links, shaped, every, ~meeting)), read_loops(m, tree, equality_names(m)),
         read_tendons(m, tree, actuators.drives), read_immersed(m, tree),
-        sensors=tuple(sensors), included=tuple(included), stated=settings,
+        sensors=tuple(sensors), included=tuple(included), references=actuators.references, stated=settings,
     )  # fmt: skip
 
 

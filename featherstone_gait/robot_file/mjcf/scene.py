@@ -21,7 +21,7 @@ from ...base.fixed_order import applied, product
 from ...base.flaws import quoted
 from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ...geometry.contact_choice import thinned
-from ...model import Controller, Fluid, Ground, Joint, Loop, Servo, Surface
+from ...model import Fluid, Ground, Loop, Surface
 from ...model.ground import HeightField
 from ...model.pair_contact import GROUND, NONE, PairContact, PairWord
 from ...model.pair_friction import PairFriction
@@ -31,7 +31,7 @@ from ...model.shapes import Box, Shape
 from ..report import Report
 from ..robot import Robot
 from ..settings import Settings
-from .actuators import read_actuators
+from .actuators import Actuators, read_actuators
 from .causes import doubts, gravity_of, idle, notes, refusals
 from .equalities import Line, couplings
 from .fluids import fluid_of, read_immersed
@@ -280,12 +280,10 @@ def _member(
     m: Any, tree: Tree, top: int, name: str, own: list[int], solids: Solids, report: Report, prefix: str, texts: Stated
 ) -> Part:
     """Read a tree; own: its geoms."""
-    joints: tuple[Joint, ...] = tree.joints
-    servos, drives, stated = dict[str, Servo](), dict[int, Controller](), Settings()
+    actuators, stated = Actuators({}, tree.joints, [], [], {}, {}), Settings()
     with report.blaming():
         stated = texts.of(name, tree.links, tree.joints, report)
         actuators = read_actuators(m, tree, tree.joints, taken(m, tree), stated.servos)
-        joints, servos, drives = actuators.joints, actuators.servos, actuators.drives
         for sentence in actuators.doubts:
             report.doubt(sentence)
         for sentence in actuators.remarks:
@@ -303,11 +301,11 @@ def _member(
         report.remark(sentence)
     loops = read_loops(m, tree, [x.removeprefix(f"{prefix}{SEPARATOR}") for x in equality_names(m)], top)
     robot = Robot(
-        name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree),
-        loops=loops, tendons=read_tendons(m, tree, drives, top, f"{prefix}{SEPARATOR}"),
+        name, tree.links, actuators.joints, tuple(shapes.values()), tree.base, held_by(m, tree), actuators.servos,
+        postures_of(m, tree), loops=loops, tendons=read_tendons(m, tree, actuators.drives, top, f"{prefix}{SEPARATOR}"),
         immersed=read_immersed(m, tree, top), sensors=tuple(sensors),
         included=tuple(as_names(links, shaped, [*range(len(own))], near & meeting)),
-        stated=stated._replace(shapes={}),
+        references=actuators.references, stated=stated._replace(shapes={}),
     )  # fmt: skip
     touching = tuple(_on_ground(shape, *solids.friction[g]) for g, shape in shapes.items() if g in solids.friction)
     return Part(robot, vector(m.body_pos[top]), tuple(m.body_quat[top].tolist()), touching)

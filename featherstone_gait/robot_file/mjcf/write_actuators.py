@@ -19,7 +19,7 @@ def actuator_lines(model: Model) -> tuple[list[str], list[str]]:
     """Write the actuators, and what they lack."""
     servos = {joint.name: model.servos[joint.name] for joint in model.moving_joints if joint.name in model.servos}
     lacking: dict[str, list[str]] = {}
-    lines = [line for name, servo in servos.items() for line in _actuator(name, servo)]
+    lines = [line for name, servo in servos.items() for line in _actuator(name, servo, model.references.get(name))]
     rods = [loop.name for loop in model.loops if loop.kind == "distance"]
     for tendon in model.tendons:
         if tendon.controller is not None and moves(model, tendon):
@@ -70,8 +70,8 @@ def rotor_inertia(servo: Servo | None) -> float:
     return servo.gearbox.reflected_inertia if servo else 0.0
 
 
-def _actuator(name: str, servo: Servo) -> list[str]:
-    """Write the actuator of a servo; none if MuJoCo has no such law."""
+def _actuator(name: str, servo: Servo, reference: tuple[float, float] | None) -> list[str]:
+    """Write the actuator of a servo; none if MuJoCo has no such law.  reference: its range."""
     law, gear = servo.controller, servo.gearbox
     if law.law == "pid_speed":  # with the back-EMF among the joint's damping
         most = _speed_gain(servo) / law.Kp * servo.voltage_limit if law.Kp else 0.0
@@ -79,7 +79,8 @@ def _actuator(name: str, servo: Servo) -> list[str]:
         return element("velocity", {"name": name, "joint": name, **kv}) if law.Kp else []
     if law.law in CONTINUOUS:
         limit = (-law.torque_limit, law.torque_limit) if law.torque_limit < math.inf else None
-        return element("position", {"name": name, "joint": name, "kp": law.Kp, "kv": law.Kd, "forcerange": limit})
+        own = {"name": name, "joint": name, "kp": law.Kp, "kv": law.Kd, "forcerange": limit, "ctrlrange": reference}
+        return element("position", own)
     K, R = gear.ratio * servo.motor_constant, servo.resistance
     current = servo.current_limit if servo.current_limit < math.inf else 0.0
     slew = servo.current_slew if servo.current_slew < math.inf and servo.inductance else 0.0
@@ -91,6 +92,7 @@ def _actuator(name: str, servo: Servo) -> list[str]:
         "inductance": (servo.inductance, 0.0) if servo.inductance else None,
         "saturation": (0.0, current, slew) if current or slew else None,
         "input": "pos",
+        "ctrlrange": reference,
         "controller": (K / R * law.Kp, K / R * law.Ki, K / R * (law.Kd + K), 0.0, 0.0, servo.voltage_limit),
         "armature": rotor_inertia(servo) or None,
         "damping": _damping(servo) or None,
