@@ -176,8 +176,8 @@ class _Actuator:
         own, model = policy.description.action, scene.model
         names, n = policy.description.joints, len(drawn.delay)
         self.columns = np.array([model.joint_names.index(name) for name in names], int)
-        low = np.array([one.lower for one in model.moving_joints])[self.columns]
-        high = np.array([one.upper for one in model.moving_joints])[self.columns]
+        low: np.ndarray = np.array([one.lower for one in model.moving_joints])[self.columns]
+        high: np.ndarray = np.array([one.upper for one in model.moving_joints])[self.columns]
         free = np.full(len(names), np.inf)
         self.low, self.high = (low, high) if own.limits else (-free, free)
         self.low, self.high = np.maximum(self.low, own.lower), np.minimum(self.high, own.upper)
