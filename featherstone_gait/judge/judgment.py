@@ -19,10 +19,12 @@ FIGURES = {  # of the table: unit, digits and what
     "speed": ("m/s", "speed along the command"),
     "aside": ("m", "drift to the side"),
     "turned": ("rad", "turn of the heading"),
-    "power": ("W", "power from the supply"),
+    "power": ("W", "power of all servos"),
     "energy_per_way": ("J/m", "energy by way"),
     "cost_of_transport": ("-", "cost of transport"),
-    "saturated": ("-", "share of saturated ticks, all joints"),
+    "largest_tilt": ("rad", "largest tilt of the base"),
+    "largest_force": ("-", "largest force under a link, by the weight"),
+    "saturated": ("-", "share of saturated samples, all joints"),
 }
 
 
@@ -66,8 +68,10 @@ class Judgment:
         With half the step.
     left_out : dict of str
         What of the distributions does not apply to this robot, and why.
+    note : str
+        What of the servos does not fit what the policy was trained with, "" if nothing is known.
     seconds : dict of float
-        How long it took by the clock [s]: all of it, and the policy's share; not part of the results.
+        How long it took [s], of the clock and of processors, and the policy's share; not part of the results.
     """
 
     policy: str
@@ -81,6 +85,7 @@ class Judgment:
     factors: dict[str, np.ndarray]
     agreement: Agreement | None = None
     left_out: dict[str, str] = field(default_factory=dict)
+    note: str = ""
     seconds: dict[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -182,7 +187,7 @@ class Judgment:
             **counts, "median_and_quartiles": {name: [*self.spread(name)] for name in FIGURES},
             "causes": [cause._asdict() for cause in self.causes[:5]], "saturates_first": self.saturates_first,
             "joints": {name: dict(zip(self.joint_names, row)) for name, row in self._by_joint().items()},
-            "half_the_step": self.agreement and self.agreement._asdict(), "left_out": self.left_out,
+            "half_the_step": self.agreement and self.agreement._asdict(), "left_out": self.left_out, "note": self.note,
         }  # fmt: skip
 
     def _by_joint(self) -> dict[str, list[float]]:
@@ -217,6 +222,8 @@ class Judgment:
             again, same, by = self.agreement
             enough = "the step is short enough" if same >= AGREES * again else "THE STEP DECIDES: take a shorter one"
             text["half step"] = f"{same} of {again} verdicts are the same, J/m differ by {100 * by:.1f} %: {enough}"
+        if self.note:
+            text["servos"] = self.note
         if self.left_out:
             text["not drawn"] = ", ".join(self.left_out)
         wrapped = [textwrap.fill(f"{name:12}{said}", LINE, subsequent_indent=" " * 12) for name, said in text.items()]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..base.fixed_order import total
 from ..base.portable_math import angle as angle_of
 from ..base.portable_math import sincos
 from ..core.step.state import BY_NAME
 from ..run.session import Session
 from ..scene.compile import CompiledScene
+from .observation import down_in_base
 
 FULL = 1.0 - 1e-9  # of its limit, from which on a servo is saturated
 LABELS = BY_NAME["energy"].labels
@@ -17,7 +19,7 @@ LABELS = BY_NAME["energy"].labels
 def measured_channels(scene: CompiledScene) -> tuple[str, ...]:
     """Return the channels that a `Meter` reads of a session's scene."""
     motor = ("voltage", "current") if scene.sampled else ()
-    return ("q", "qd", "base_q", "base_qd", "torque", *motor)
+    return ("q", "qd", "base_q", "base_qd", "torque", "contact_force", *motor)
 
 
 class Meter:
@@ -32,7 +34,11 @@ class Meter:
         self._motor = bool(scene.sampled)
         self._limit = np.array([self._limits(one) for one in session.scenes])
         self._place, self._yaw = seen["base_q"][:, :2].copy(), _yaw(seen["base_q"])
-        self.way, self.aside, self.turned, self.samples = np.zeros((4, n))
+        self.way, self.aside, self.turned, self.samples, self.force = np.zeros((5, n))
+        self.upright = np.ones(n)  # least cosine of the tilt
+        self._up = np.array(scene.upright)
+        links = np.array([point.link for point in scene.model.contacts])
+        self._soles = [np.flatnonzero(links == one) for one in dict.fromkeys(links.tolist())]
         self.positive = np.zeros((n, joints))  # [J] mechanical work of the servos where it is positive
         self.peak_torque, self.squares, self.peak_current, self.saturated = np.zeros((4, n, joints))
         self.first = np.full((n, joints), np.inf)  # [s] when each joint was saturated first
@@ -56,6 +62,10 @@ class Meter:
         self.aside += left * d[0] - ahead * d[1]
         self.turned += turn
         self._place, self._yaw = place.copy(), yaw
+        self.upright = np.minimum(self.upright, -total(down_in_base(seen["base_q"]) * self._up))
+        normal = seen["contact_force"][:, :, 0]
+        for points in self._soles:
+            self.force = np.maximum(self.force, total(normal[:, points]))
         m = moving.astype(float)[:, None]
         torque = np.abs(seen["torque"])
         self.samples += m[:, 0]
@@ -85,6 +95,8 @@ class Meter:
             "time": session.time, "way": self.way, "speed": self.way / time, "aside": self.aside,
             "turned": self.turned, "energy": spent, "power": spent / time, "energy_per_way": per_way,
             "cost_of_transport": per_way / (masses * gravity), "saturated": (self.saturated / samples).mean(axis=1),
+            "largest_tilt": angle_of(np.sqrt(np.maximum(1.0 - self.upright**2, 0.0)), self.upright),
+            "largest_force": self.force / (masses * gravity),
         }  # fmt: skip
         joints = {
             "peak_torque": self.peak_torque, "rms_torque": np.sqrt(self.squares / samples),

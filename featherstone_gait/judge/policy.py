@@ -222,9 +222,8 @@ def _of_metadata(path: Path, metadata: dict[str, str], model: Model, given: File
     table: dict[str, Any] = {}
     if "joint_names" in metadata:
         table["joints"] = metadata["joint_names"].split(",")
-    for key, name in (("default_joint_pos", "pose"), ("joint_stiffness", "stiffness")):
-        if key in metadata:
-            table[name] = [float(number) for number in metadata[key].split(",")]
+    if "default_joint_pos" in metadata:
+        table["pose"] = [float(number) for number in metadata["default_joint_pos"].split(",")]
     if "observation_names" in metadata:
         table["observation"] = [{"name": name} for name in metadata["observation_names"].split(",")]
     if "action_scale" in metadata:

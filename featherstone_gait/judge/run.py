@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import instance, real, vector, whole
 from ..base.files import FilePath
-from ..model import Ground, Model
+from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..model.rest_posture import nearest_posture, standing_keyframe
 from ..run.program import with_ticks
 from ..run.session import Session
@@ -30,6 +30,7 @@ SAMPLE = 5e-3  # longest time between two measurements of torques and currents [
 MOST_WORLDS = 10**5
 LEAST = 0.1  # share of the commanded way from which on a robot walks
 WHOLE = 1e-6  # tolerance of ticks in a step of the policy
+STIFFER = 0.2  # share by which servos may hold more or less stiffly without a note
 AGAIN = 64  # worlds that are simulated again at half the step
 ELECTRICAL = "from the supply, without what flows back"
 MECHANICAL = "mechanical and positive alone: these servos have no motor, so what a supply gives is not known"
@@ -86,7 +87,7 @@ def judge(
     ValueError
         For what does not fit, named, and for actions that are not finite.
     """
-    begun = time.perf_counter()
+    begun, worked = time.perf_counter(), time.process_time()
     scene = _scene(robot)
     acting = load_policy(policy, scene.model, description)
     count = whole("worlds", worlds, 1, "200 are usual", MOST_WORLDS)
@@ -108,9 +109,10 @@ def judge(
         "timestep": scene.timestep, "rate": found.rate, "energy": ELECTRICAL if scene.sampled else MECHANICAL,
     }  # fmt: skip
     took = {"all": time.perf_counter() - begun, "runs": found.seconds, "policy": found.policy_seconds}
+    took["processors"] = time.process_time() - worked
     return Judgment(
         acting.name, scene.model.name, _servo_name(scene), settings, verdicts, found.worlds, found.joints,
-        scene.model.joint_names, drawn.factors, agreement, drawn.left_out, took,
+        scene.model.joint_names, drawn.factors, agreement, drawn.left_out, _note(acting, scene), took,
     )  # fmt: skip
 
 
@@ -132,6 +134,23 @@ def _servo_name(scene: CompiledScene) -> str:
     """Describe the servos of a scene, by law and gain."""
     kinds = {(servo.controller.law, servo.controller.Kp) for servo in scene.model.servos.values()}
     return ", ".join(f"{law} (Kp {gain:.4g})" for law, gain in sorted(kinds)[:3]) + " and others" * (len(kinds) > 3)
+
+
+def _note(policy: Policy, scene: CompiledScene) -> str:
+    """Say by how much the servos hold more or less stiffly than those that the policy was trained with."""
+    asked = policy.description.stiffness
+    servos = [scene.model.servos.get(name) for name in policy.description.joints if asked]
+    ratios = [stiffness(servo) / b for servo, b in zip(servos, asked) if servo and b]
+    middle = float(np.median(ratios)) if ratios else 1.0
+    if abs(middle - 1.0) < STIFFER:
+        return ""
+    return f"they hold {middle:.2g} times as stiffly as those of the policy's description: another gain of the servos?"
+
+
+def stiffness(servo: Servo) -> float:
+    """Return the torque of a servo by the error of its angle [N m/rad]."""
+    law = servo.controller
+    return law.Kp * (1.0 if law.law in TORQUE_LAWS else servo.motor_constant * servo.gearbox.ratio / servo.resistance)
 
 
 class _Rolled(NamedTuple):
