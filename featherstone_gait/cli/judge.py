@@ -2,7 +2,8 @@
 
 Worlds differ in floors, servos, masses, battery, zeros, sensors and delays.
 
-Writes POLICY_judgment.json (what the table says, and more) and .csv (a row for each world).
+Writes POLICY_judgment.json (what the table says, and more), .csv (a row for each world) and .html (the robot in the
+median world and in the worst one).  Of several policies a last table compares them in the same worlds.
 
 Takes about a minute for 200 worlds of 10 s on two cores, compiling aside.
 
@@ -15,6 +16,7 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 from pathlib import Path
+from typing import Any
 
 from .arguments import Commands, add_command, add_quiet, add_setup, announce, gearbox_line, telling_extras
 
@@ -22,8 +24,8 @@ from .arguments import Commands, add_command, add_quiet, add_setup, announce, ge
 def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(commands, run, __doc__)
-    what = "an ONNX file, a gait's .npz, or joint angles as .csv"
-    parser.add_argument("policy", type=Path, metavar="POLICY", help=what)
+    what = "an ONNX file, a gait's .npz, or joint angles as .csv; several are compared"
+    parser.add_argument("policies", type=Path, metavar="POLICY", nargs="+", help=what)
     parser.option("--robot", "name or robot file (default: humanoid)", "humanoid")
     parser.option("--locked", "set of joints to lock, named in the robot's TOML file", metavar="SET")
     add_setup(parser)
@@ -42,7 +44,7 @@ def add(commands: Commands) -> None:
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
     from ..base.files import complete
-    from ..judge import judge
+    from ..judge import compare, judge
     from ..model import Ground
     from ..scene.actuator import servo_gearbox
     from ..scene.compile import compile_scene
@@ -57,16 +59,19 @@ def run(args: Namespace) -> int:
         if args.gearbox is None:
             print(gearbox_line(gearbox))
         announce(args, "a minute for 200 worlds of 10 s, compiling aside")
-        record = judge(
-            args.policy, scene, args.worlds, args.seconds, _velocities(args.velocities), args.seed,
-            description=args.description, doubts=args.doubts,
-        )  # fmt: skip
-    files = [args.out / f"{args.policy.stem}_judgment{ending}" for ending in (".json", ".csv")]
-    with complete(files[0]) as temporary:
-        temporary.write_text(json.dumps(record.as_dict(), indent=1), "utf-8")
-    record.write_csv(files[1])
-    print(record.table())
-    print("files:", *files)
+        asked, records = _velocities(args.velocities), []
+        for policy in args.policies:
+            how: dict[str, Any] = {"description": args.description, "doubts": args.doubts}
+            record = judge(policy, scene, args.worlds, args.seconds, asked, args.seed, **how)
+            files = [args.out / f"{policy.stem}_judgment{ending}" for ending in (".json", ".csv", ".html")]
+            with complete(files[0]) as temporary:
+                temporary.write_text(json.dumps(record.as_dict(), indent=1), "utf-8")
+            record.write_csv(files[1])
+            record.page(files[2])
+            records.append(record)
+            print(record.table(), f"files: {', '.join(map(str, files))}", sep="\n\n", end="\n\n")
+    if len(records) > 1:
+        print(compare(records))
     return 0
 
 

@@ -8,11 +8,13 @@ the lanes of one session, and the policy is evaluated for all at once.  `pip ins
 ONNX files.
 """
 
+from .comparison import compare
 from .description import PolicyDescription, packaged_descriptions, read_description
 from .judgment import Judgment
 from .policy import Policy, load_policy
 from .run import judge
 
 __all__ = [
-    "Judgment", "Policy", "PolicyDescription", "judge", "load_policy", "packaged_descriptions", "read_description",
+    "Judgment", "Policy", "PolicyDescription", "compare", "judge", "load_policy", "packaged_descriptions",
+    "read_description",
 ]  # fmt: skip

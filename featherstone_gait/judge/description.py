@@ -187,7 +187,8 @@ def read_description(source: FilePath, metadata: Mapping[str, Any] | None = None
     source
         Name of a description of the package (`packaged_descriptions`), or a TOML file.
     metadata
-        What the policy's own file says, by the same keys; the description's words go before these.
+        What the policy's own file says, by the same keys: it goes before a description of the package, which is that of
+        all policies of a robot, and after a file.
 
     Returns
     -------
@@ -199,14 +200,17 @@ def read_description(source: FilePath, metadata: Mapping[str, Any] | None = None
     ValueError
         Naming the file and what is missing, unknown or wrong.
     """
-    path = Path(source)
-    if str(source) in packaged_descriptions():
+    path, packaged, says = Path(source), str(source) in packaged_descriptions(), dict(metadata or {})
+    if packaged:
         path = FOLDER / f"{source}.toml"
     elif not path.exists():
         known = ", ".join(packaged_descriptions())
         raise ValueError(f"description {source}: there is no such file; give a TOML file, or one of {known}")
     try:
-        return description_of({**(metadata or {}), **read_toml(path)}, path.stem)
+        own = read_toml(path)
+        later, sooner = (own, says) if packaged else (says, own)
+        action = {**later.get("action", {}), **sooner.get("action", {})}
+        return description_of({**later, **sooner, "action": action}, path.stem)
     except Wrong as error:
         raise ValueError(f"{path}: {error}") from error
     except (ValueError, TypeError) as error:

@@ -6,7 +6,7 @@ world alone, so that more worlds, or other tables, change none of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -69,6 +69,22 @@ class Drawn(NamedTuple):
     delay: np.ndarray  # (n,) [s]
     factors: dict[str, np.ndarray]  # (n,) by name, what was drawn
     left_out: dict[str, str]  # why tables of the default file are not drawn
+    who: np.ndarray  # (n,) their numbers
+
+    def uniform(self, name: str, *shape: int) -> np.ndarray:
+        """Draw numbers (n, *shape) from 0 to 1, for each world whatever the others."""
+        return _generator(self.sensing.seed, name).random((int(self.who.max()) + 1, *shape))[self.who]
+
+    def only(self, scene: CompiledScene, who: Sequence[int]) -> Drawn:
+        """Return some of the worlds of all."""
+        rows, tables = [*who], dict[str, Any]()
+        for section, name, parts, values in self.worlds.columns(scene):
+            key = f"{parts[0]}.{name}" if len(parts) == 1 and parts[0] else name
+            tables.setdefault(section, {})[key] = values[rows]
+        s = self.sensing
+        sensing = s._replace(offset=s.offset[rows], bias=s.bias[rows], mounting=s.mounting[rows])
+        worlds = Worlds(runs=len(rows), **tables)
+        return self._replace(worlds=worlds, sensing=sensing, delay=self.delay[rows], who=self.who[rows])
 
 
 def draw_worlds(
@@ -101,7 +117,7 @@ def draw_worlds(
 
     sensing = Sensing(offset, either("gyroscope_bias", 3), either("mounting", 3), numbers, seed)
     delay = numbers.delay * _generator(seed, "delay").uniform(0.0, 1.0, count)
-    return Drawn(worlds, sensing, delay, _factors(scene, worlds, sensing, delay), left_out)
+    return Drawn(worlds, sensing, delay, _factors(scene, worlds, sensing, delay), left_out, np.arange(count))
 
 
 def _generator(seed: int, name: str) -> np.random.Generator:

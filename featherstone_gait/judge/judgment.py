@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..base.files import FilePath, Format, write_csv
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
 from .statistics import DOUBT, Cause, causes, wilson
+
+if TYPE_CHECKING:
+    from ..view.page import Page
 
 TABLE = Format("judgment", 1)
 NEEDED = 0.9  # share of worlds in which a policy walks that holds
@@ -72,6 +78,10 @@ class Judgment:
         What of the servos does not fit what the policy was trained with, "" if nothing is known.
     seconds : dict of float
         How long it took [s], of the clock and of processors, and the policy's share; not part of the results.
+    scene : CompiledScene
+        The robot on its floor, before anything is drawn.
+    runs : callable
+        Simulates worlds of these numbers again and returns their trajectories, to the same bits.
     """
 
     policy: str
@@ -87,6 +97,8 @@ class Judgment:
     left_out: dict[str, str] = field(default_factory=dict)
     note: str = ""
     seconds: dict[str, float] = field(default_factory=dict)
+    scene: CompiledScene | None = None
+    runs: Callable[[Sequence[int]], list[Trajectory]] | None = None
 
     def __repr__(self) -> str:
         low, high = self.interval
@@ -245,6 +257,47 @@ class Judgment:
         for k, name in enumerate(self.joint_names):
             found.append(f"{name[:18]:19}" + "".join(f"{row[k]:12.3g}" for row in rows.values()))
         return found
+
+    def telling(self) -> dict[str, int]:
+        """Return the numbers of two worlds that tell most.
+
+        Returns
+        -------
+        dict of str to int
+            By caption: of those that walk the one of median energy by way, and the one that fell first, or the dearest.
+        """
+        found, per_way = {}, self.worlds["energy_per_way"]
+        walking, failing = (np.flatnonzero((self.verdicts == "walks") == walks) for walks in (True, False))
+        ranked = walking[np.argsort(per_way[walking], kind="stable")]
+        if len(ranked):
+            median = int(ranked[(len(ranked) - 1) // 2])
+            found[f"world {median}, the median: {per_way[median]:.3g} J/m"] = median
+        if len(failing):
+            worst = int(failing[np.argmin(self.worlds["time"][failing])])
+            found[f"world {worst}, the worst: {self.verdicts[worst]}, {self.worlds['time'][worst]:.3g} s"] = worst
+        elif len(ranked) > 1:
+            found[f"world {ranked[-1]}, the dearest: {per_way[ranked[-1]]:.3g} J/m"] = int(ranked[-1])
+        return found
+
+    def page(self, path: FilePath) -> Page:
+        """Write a page that shows the robot in the median world and in the worst one.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Page
+            The page, as of `show`.
+        """
+        from ..view.shown import show
+
+        assert self.runs is not None
+        worlds = self.telling()
+        first, *others = self.runs([*worlds.values()])
+        return show(first, self.scene, *others, captions=[*worlds], path=path)
 
     def write_csv(self, path: FilePath) -> None:
         """Write a row for each world: its verdict, what was measured, what was drawn.

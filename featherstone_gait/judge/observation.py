@@ -11,7 +11,7 @@ from ..model.sensor import SampledSensor
 from ..run.measure import noise_of
 from ..scene.compile import CompiledScene
 from .description import Block, PolicyDescription
-from .doubts import Sensing
+from .doubts import Drawn
 
 OBSERVED = ("q", "qd", "base_q", "base_qd")
 MORE = {"accelerometer": ("base_qdd",), "contacts": ("contact_force",)}  # channels that blocks read besides
@@ -26,14 +26,15 @@ def channels_of(description: PolicyDescription) -> tuple[str, ...]:
 class Observer:
     """What a policy sees of the robots of a session, and what it has answered before."""
 
-    def __init__(self, description: PolicyDescription, scene: CompiledScene, sensing: Sensing, period: float) -> None:
-        self.description, self.scene, self.sensing, self._period = description, scene, sensing, period
+    def __init__(self, description: PolicyDescription, scene: CompiledScene, drawn: Drawn, period: float) -> None:
+        self.description, self.scene, self.sensing, self._period = description, scene, drawn.sensing, period
+        sensing = drawn.sensing
         self.n, joints = len(sensing.offset), scene.model.joint_names
         self.columns = np.array([joints.index(name) for name in description.joints], int)
         self.pose = np.array(description.pose)
         self._noise = SampledSensor("q", noise=sensing.deviations(len(joints)), seed=sensing.seed, name="judge")
         self._histories: dict[int, np.ndarray] = {}
-        self._robots = np.arange(self.n)
+        self._robots = drawn.who
         links = [point.link for point in scene.model.contacts]
         self._feet = {
             k: np.array([[link == one for link in links] for one in block.links])

@@ -19,7 +19,7 @@ from ..base.files import FilePath
 from ..model import Model
 from ..run.program import CompiledController
 from ..walking.motion import Motion, read_motion
-from .description import FOLDER, Action, Block, PolicyDescription, packaged_descriptions, read_description
+from .description import Action, Block, PolicyDescription, packaged_descriptions, read_description
 
 ROWS = 64  # a network is evaluated so many worlds at once, the last ones filled up: a world keeps its bits among others
 MISSING = "policies in ONNX need onnx and onnxruntime: pip install featherstone-gait[policy]"
@@ -218,7 +218,7 @@ def clean(error: Exception) -> str:
 
 
 def _of_metadata(path: Path, metadata: dict[str, str], model: Model, given: FilePath | None) -> PolicyDescription:
-    """Return the description of a network: what is given, and for what that does not say its metadata."""
+    """Return the description of a network, of what is given and of its metadata."""
     table: dict[str, Any] = {}
     if "joint_names" in metadata:
         table["joints"] = metadata["joint_names"].split(",")
@@ -238,21 +238,9 @@ def _of_metadata(path: Path, metadata: dict[str, str], model: Model, given: File
                 f"{', '.join(packaged_descriptions())}"
             )
         given = fits[0]
-    if str(given) in packaged_descriptions():  # of all policies of a robot; each has its own pose
-        return read_description(FOLDER / f"{given}.toml", {}) if not table else _merged(FOLDER / f"{given}.toml", table)
     return read_description(given, table)
 
 
 def _same_joints(name: str, table: dict[str, Any], model: Model) -> bool:
     joints = read_description(name).joints
     return list(joints) == table["joints"] if "joints" in table else joints == model.joint_names
-
-
-def _merged(path: Path, table: dict[str, Any]) -> PolicyDescription:
-    """Return a description of the package in which what a network says of itself goes before."""
-    from ..robot_file.toml import read_toml
-    from .description import description_of
-
-    own = read_toml(path)
-    action = {**own.get("action", {}), **table.get("action", {})}
-    return description_of({**own, **table, "action": action}, path.stem)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import instance, real, vector, whole
 from ..base.files import FilePath
+from ..core.compile.lanes import WIDTH
 from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..model.rest_posture import nearest_posture, standing_keyframe
 from ..run.program import with_ticks
 from ..run.session import Session
 from ..run.simulate import standing_state
+from ..run.trajectory import Trajectory
 from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, compile_scene
 from .description import PolicyDescription
@@ -31,6 +33,7 @@ MOST_WORLDS = 10**5
 LEAST = 0.1  # share of the commanded way from which on a robot walks
 WHOLE = 1e-6  # tolerance of ticks in a step of the policy
 STIFFER = 0.2  # share by which servos may hold more or less stiffly without a note
+RECORD = ("q", "base_q", "contact_force")
 AGAIN = 64  # worlds that are simulated again at half the step
 ELECTRICAL = "from the supply, without what flows back"
 MECHANICAL = "mechanical and positive alone: these servos have no motor, so what a supply gives is not known"
@@ -110,9 +113,15 @@ def judge(
     }  # fmt: skip
     took = {"all": time.perf_counter() - begun, "runs": found.seconds, "policy": found.policy_seconds}
     took["processors"] = time.process_time() - worked
+
+    def runs(who: Sequence[int]) -> list[Trajectory]:
+        full = [*who, *[who[0]] * (-len(who) % WIDTH)]  # as all: in full vectors
+        return _roll(acting, scene, drawn.only(scene, full), end, asked, threads, RECORD).runs[: len(who)]
+
     return Judgment(
         acting.name, scene.model.name, _servo_name(scene), settings, verdicts, found.worlds, found.joints,
         scene.model.joint_names, drawn.factors, agreement, drawn.left_out, _note(acting, scene), took,
+        scene, runs,
     )  # fmt: skip
 
 
@@ -162,6 +171,7 @@ class _Rolled(NamedTuple):
     rate: float  # [Hz]
     seconds: float
     policy_seconds: float
+    runs: list[Trajectory]
 
 
 class _Timing(NamedTuple):
@@ -232,24 +242,25 @@ def _rest(scene: CompiledScene) -> np.ndarray:
 
 
 def _roll(
-    policy: Policy, scene: CompiledScene, drawn: Drawn, end: float, command: np.ndarray, threads: int | None
-) -> _Rolled:
-    """Let a policy drive all worlds until they end or have fallen."""
+    policy: Policy, scene: CompiledScene, drawn: Drawn, end: float, command: np.ndarray, threads: int | None = None,
+    record: tuple[str, ...] = (),
+) -> _Rolled:  # fmt: skip
+    """Let a policy drive all worlds until they end or have fallen; record: channels of the runs that are kept."""
     begun, thinking, description = time.perf_counter(), 0.0, policy.description
     observed = dict.fromkeys((*channels_of(description), *measured_channels(scene)))
     n, numbers = len(drawn.delay), drawn.sensing.numbers
     ticked = with_ticks(scene, policy.controller)
     timing = _timing(description, ticked.tick_steps * ticked.timestep, end)
     with Session(
-        scene, observe=observed, worlds=drawn.worlds, controller=policy.controller, threads=threads
+        scene, observe=observed, worlds=drawn.worlds, controller=policy.controller, threads=threads, record=record
     ) as session:
         act = _Actuator(policy, session.scene, drawn, timing, session.tick)
         starts = [standing_state(one, act.rest - off, True) for one, off in zip(session.scenes, act.offset)]
         seen = session.reset(state=starts)
-        observer = Observer(description, session.scene, drawn.sensing, timing.period * session.tick)
+        observer = Observer(description, session.scene, drawn, timing.period * session.tick)
         meter = Meter(session, seen, _direction(command), timing.ticks * session.tick)
         actions = np.zeros((n, len(description.joints)))
-        lost = _uniform(drawn, "lost", (n, timing.steps)) < numbers.lost
+        lost = drawn.uniform("lost", timing.steps) < numbers.lost
         kicks = _kicks(drawn, timing, session.tick)
         for step in range(timing.steps):
             if kicks is not None and kicks[:, step].any():
@@ -269,7 +280,8 @@ def _roll(
                 break
         worlds, joints = meter.result()
         rate = 1.0 / (timing.period * session.tick)
-        return _Rolled(~session.active, worlds, joints, rate, time.perf_counter() - begun, thinking)
+        runs = [session.trajectory(k) for k in range(n)] if record else []
+        return _Rolled(~session.active, worlds, joints, rate, time.perf_counter() - begun, thinking, runs)
 
 
 def _direction(command: np.ndarray) -> np.ndarray:
@@ -278,17 +290,12 @@ def _direction(command: np.ndarray) -> np.ndarray:
     return command[:2] / size if size else np.array([1.0, 0.0])
 
 
-def _uniform(drawn: Drawn, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Draw numbers from 0 to 1, those of a world whatever the number of worlds."""
-    return np.random.default_rng([drawn.sensing.seed, *name.encode()]).random(shape)
-
-
 def _kicks(drawn: Drawn, timing: _Timing, tick: float) -> np.ndarray | None:
     """Draw changes of velocity (n, steps, 2) by pushes [m/s], most of them zero; None of none."""
     numbers = drawn.sensing.numbers
     if not numbers.speed:
         return None
-    chance, turn = np.moveaxis(_uniform(drawn, "pushes", (len(drawn.delay), timing.steps, 2)), 2, 0)
+    chance, turn = np.moveaxis(drawn.uniform("pushes", timing.steps, 2), 2, 0)
     pushed = (chance < timing.period * tick / numbers.every) & (np.arange(timing.steps) > 0)
     angle = 2.0 * np.pi * turn
     return numbers.speed * pushed[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -23,25 +23,13 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 
 
 class Cause(NamedTuple):
-    """A number that differs between worlds that fail and others.
-
-    Attributes
-    ----------
-    name : str
-        What was drawn.
-    effect : float
-        Cliff's delta: the chance that it is larger in a world that fails less the chance that it is smaller, -1 to 1.
-    failing, others : float
-        Its medians in both groups.
-    chance : float
-        How probable so large an effect would be if nothing mattered, by all factors that were tried (Bonferroni).
-    """
+    """A number that differs between worlds that fail and others."""
 
     name: str
-    effect: float
-    failing: float
+    effect: float  # Cliff's delta: the chance that it is larger where it fails less the chance that it is smaller
+    failing: float  # its medians in both groups
     others: float
-    chance: float
+    chance: float  # of so large an effect if nothing mattered, by all factors that were tried (Bonferroni)
 
 
 def cliffs_delta(a: np.ndarray, b: np.ndarray) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from featherstone_gait import Ground, Session, cli, compile_scene, load_robot, standing_state
-from featherstone_gait.judge import Policy, PolicyDescription, judge, load_policy
+from featherstone_gait.judge import Policy, PolicyDescription, compare, judge, load_policy
 from featherstone_gait.judge.description import Action, Block
 from featherstone_gait.judge.doubts import draw_worlds
 from featherstone_gait.robot_file.source import robots_folder
@@ -111,6 +111,31 @@ def test_a_world_is_what_a_session_of_it_alone_does(scene):
         assert np.abs(found.worlds["aside"] - way.imag).max() < 1e-13
 
 
+def test_worlds_that_are_looked_at_again_are_the_same_and_fill_a_page(walked, tmp_path):
+    """Those that tell most, and two others: their ways are those of the judgment."""
+    numbers = [*walked.telling().values(), 3, 11]
+    for number, run in zip(numbers, walked.runs(numbers), strict=True):
+        assert run.end_time == walked.worlds["time"][number]
+        turned = np.diff(np.unwrap(heading(run["base_q"])))
+        middle = np.exp(1j * (heading(run["base_q"])[:-1] + 0.5 * turned))
+        way = (np.diff(run["base_q"][:, :2] @ (1, 1j)) / middle).sum()
+        assert way.real == pytest.approx(walked.worlds["way"][number], abs=1e-9)
+    page = walked.page(tmp_path / "page.html")
+    assert page.path.stat().st_size > 1e5
+    assert all(caption in page.html for caption in walked.telling())
+
+
+def test_two_judgments_are_compared_in_the_same_worlds(walked, scene):
+    still = judge(leaning(scene, lambda x: np.zeros((len(x), 10))), scene, 16, 3.0, again=0, doubts=DOUBTS)
+    assert (still.verdicts == "falls").sum() == 0  # without a command, what stands walks as far as the others
+    text = compare([walked, still])
+    only = int(((walked.verdicts == "walks") & (still.verdicts != "walks")).sum())
+    assert f"1 in {only}" in text
+    assert max(map(len, text.splitlines())) <= 79
+    with pytest.raises(ValueError, match="records has 1; give two"):
+        compare([walked])
+
+
 def test_a_policy_that_never_walks_breaks_without_a_number(scene):
     fallen = judge(leaning(scene, lambda x: np.full((len(x), 10), 9.0)), scene, 8, 1.5, again=0, doubts=DOUBTS)
     assert (fallen.walking, fallen.verdict) == (0, "breaks")
@@ -177,6 +202,7 @@ def test_the_command_writes_a_row_for_each_world(tmp_path, monkeypatch, capsys):
     assert "8 of 8 verdicts are the same" in printed
     found = json.loads((tmp_path / "optimized_gait_judgment.json").read_text("utf-8"))
     assert (found["worlds"], found["policy"], found["half_the_step"]["worlds"]) == (8, "optimized_gait", 8)
+    assert (tmp_path / "optimized_gait_judgment.html").stat().st_size > 5e4
     rows = (tmp_path / "optimized_gait_judgment.csv").read_text("utf-8").splitlines()
     assert [row.partition(",")[0] for row in rows[1:]] == ["world", *map(str, range(8))]
     assert cli.main([*command, "--command", "1,2"]) == 2
