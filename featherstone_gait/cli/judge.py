@@ -45,9 +45,8 @@ def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
     from ..base.files import complete
     from ..judge import compare, judge
-    from ..model import Ground
+    from ..judge.run import scene_of
     from ..scene.actuator import servo_gearbox
-    from ..scene.compile import compile_scene
     from ..walking.walker import driven, load_walker
 
     with telling_extras():
@@ -55,7 +54,7 @@ def run(args: Namespace) -> int:
         if args.servo is not None:
             model = driven(model, args.servo)
         gearbox = servo_gearbox(model, args.gearbox)
-        scene = compile_scene(model, gearbox, Ground(), "midpoint", args.timestep)
+        scene = scene_of(model, gearbox, args.timestep)
         if args.gearbox is None:
             print(gearbox_line(gearbox))
         announce(args, "a minute for 200 worlds of 10 s, compiling aside")

@@ -60,7 +60,8 @@ class Judgment:
     settings : dict
         Command [m/s, m/s, rad/s], seconds, seed, integrator, timestep [s], rate [Hz], and what the energy is.
     verdicts : ndarray of str, shape (worlds,)
-        "walks", "stands" (upright, less than `settings["least"]` of the way that was commanded), or "falls".
+        "walks", "stands" (upright, less than `settings["least"]` of the way that was commanded), "falls", or "unknown":
+        the simulation ended otherwise, and is not to be trusted.
     worlds : dict of ndarray, shape (worlds,)
         Numbers of each world, by name: time until the end or the fall [s], way along the command [m], speed [m/s],
         energy [J], power [W], energy_per_way [J/m] and so on.
@@ -76,6 +77,8 @@ class Judgment:
         What of the distributions does not apply to this robot, and why.
     note : str
         What of the servos does not fit what the policy was trained with, "" if nothing is known.
+    unsound : str
+        Why the first world of which the verdict is unknown ended, "" of none.
     seconds : dict of float
         How long it took [s], of the clock and of processors, and the policy's share; not part of the results.
     scene : CompiledScene
@@ -96,6 +99,7 @@ class Judgment:
     agreement: Agreement | None = None
     left_out: dict[str, str] = field(default_factory=dict)
     note: str = ""
+    unsound: str = ""
     seconds: dict[str, float] = field(default_factory=dict)
     scene: CompiledScene | None = None
     runs: Callable[[Sequence[int]], list[Trajectory]] | None = None
@@ -111,14 +115,21 @@ class Judgment:
         return int((self.verdicts == "walks").sum())
 
     @property
+    def unknown(self) -> int:
+        """Number of worlds of which the verdict is unknown."""
+        return int((self.verdicts == "unknown").sum())
+
+    @property
     def share(self) -> float:
-        """Share of the worlds in which it walks."""
-        return self.walking / len(self.verdicts)
+        """Share in which it walks of the worlds with a verdict, NaN of none."""
+        known = len(self.verdicts) - self.unknown
+        return self.walking / known if known else math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the share, by Wilson."""
-        return wilson(self.walking, len(self.verdicts))
+        """The 95 % interval of the share, by Wilson, in whatever worlds of unknown verdict it walks."""
+        count = len(self.verdicts)
+        return wilson(self.walking, count)[0], wilson(self.walking + self.unknown, count)[1]
 
     @property
     def verdict(self) -> str:
@@ -129,7 +140,9 @@ class Judgment:
     @property
     def causes(self) -> list[Cause]:
         """What differs most between worlds in which it does not walk and others, largest first; [] of too few."""
-        return causes(self.factors, self.verdicts != "walks")
+        known = self.verdicts != "unknown"
+        factors = {name: values[known] for name, values in self.factors.items()}
+        return causes(factors, self.verdicts[known] != "walks")
 
     def spread(self, name: str) -> tuple[float, float, float]:
         """Return median and quartiles of a number over the worlds in which it walks, NaN of none.
@@ -169,7 +182,7 @@ class Judgment:
             The factor that differs most between worlds, with its effect, and the joint that is saturated first.
         """
         found = self.causes
-        failing = len(self.verdicts) - self.walking
+        failing = len(self.verdicts) - self.walking - self.unknown
         if not found:
             said = f"{failing} of {len(self.verdicts)} worlds fail, too few to compare" if failing else "no world fails"
             said = "no world walks, so none can be compared" if not self.walking else said
@@ -192,14 +205,15 @@ class Judgment:
         dict
             Verdict, share with its interval, medians and quartiles, causes, joints, settings.
         """
-        counts = {name: int((self.verdicts == name).sum()) for name in ("walks", "stands", "falls")}
+        counts = {name: int((self.verdicts == name).sum()) for name in ("walks", "stands", "falls", "unknown")}
         return {
             "policy": self.policy, "robot": self.robot, "servo": self.servo, **self.settings,
             "worlds": len(self.verdicts), "verdict": self.verdict, "share": self.share, "interval": [*self.interval],
             **counts, "median_and_quartiles": {name: [*self.spread(name)] for name in FIGURES},
             "causes": [cause._asdict() for cause in self.causes[:5]], "saturates_first": self.saturates_first,
             "joints": {name: dict(zip(self.joint_names, row)) for name, row in self._by_joint().items()},
-            "half_the_step": self.agreement and self.agreement._asdict(), "left_out": self.left_out, "note": self.note,
+            "half_the_step": self.agreement and self.agreement._asdict(), "left_out": self.left_out,
+            "note": self.note, "unsound": self.unsound,
         }  # fmt: skip
 
     def _by_joint(self) -> dict[str, list[float]]:
@@ -234,6 +248,8 @@ class Judgment:
             again, same, by = self.agreement
             enough = "the step is short enough" if same >= AGREES * again else "THE STEP DECIDES: take a shorter one"
             text["half step"] = f"{same} of {again} verdicts are the same, J/m differ by {100 * by:.1f} %: {enough}"
+        if self.unknown:
+            text["unknown"] = f"{self.unknown} worlds, which count as either; the first: {self.unsound}"
         if self.note:
             text["servos"] = self.note
         if self.left_out:
@@ -267,7 +283,8 @@ class Judgment:
             By caption: of those that walk the one of median energy by way, and the one that fell first, or the dearest.
         """
         found, per_way = {}, self.worlds["energy_per_way"]
-        walking, failing = (np.flatnonzero((self.verdicts == "walks") == walks) for walks in (True, False))
+        walking = np.flatnonzero(self.verdicts == "walks")
+        failing = np.flatnonzero((self.verdicts == "falls") | (self.verdicts == "stands"))
         ranked = walking[np.argsort(per_way[walking], kind="stable")]
         if len(ranked):
             median = int(ranked[(len(ranked) - 1) // 2])

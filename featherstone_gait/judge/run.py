@@ -11,15 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import instance, real, vector, whole
+from ..base.brief import some
 from ..base.files import FilePath
 from ..core.compile.lanes import WIDTH
 from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..model.rest_posture import nearest_posture, standing_keyframe
+from ..robot_file.servos import load_servo, servo_names
 from ..run.program import with_ticks
 from ..run.session import Session
 from ..run.simulate import standing_state
+from ..run.status import Status
 from ..run.trajectory import Trajectory
-from ..scene.actuator import servo_gearbox
+from ..scene.actuator import GearboxKind, servo_gearbox
 from ..scene.compile import CompiledScene, compile_scene
 from .description import PolicyDescription
 from .doubts import Drawn, draw_worlds
@@ -34,6 +37,7 @@ LEAST = 0.1  # share of the commanded way from which on a robot walks
 WHOLE = 1e-6  # tolerance of ticks in a step of the policy
 STIFFER = 0.2  # share by which servos may hold more or less stiffly without a note
 RECORD = ("q", "base_q", "contact_force")
+HARD = 1e-4  # penetration of the floor under a robot that stands, on wood or tiles with soles of plastic or rubber [m]
 AGAIN = 64  # worlds that are simulated again at half the step
 ELECTRICAL = "from the supply, without what flows back"
 MECHANICAL = "mechanical and positive alone: these servos have no motor, so what a supply gives is not known"
@@ -60,7 +64,8 @@ def judge(
     policy
         What `load_policy` takes: an ONNX file, a gait, a function of all worlds' observations, a compiled controller.
     robot
-        A compiled scene with ground and servos, or a robot, which gets level ground and midpoint steps of 1 ms.
+        A compiled scene with ground and servos, or a robot, which gets a hard and level floor (a penetration of 0.1 mm
+        under its weight) and midpoint steps of 1 ms.
     worlds
         Number of worlds.
     seconds
@@ -120,16 +125,21 @@ def judge(
 
     return Judgment(
         acting.name, scene.model.name, _servo_name(scene), settings, verdicts, found.worlds, found.joints,
-        scene.model.joint_names, drawn.factors, agreement, drawn.left_out, _note(acting, scene), took,
+        scene.model.joint_names, drawn.factors, agreement, drawn.left_out, _note(acting, scene), found.why, took,
         scene, runs,
     )  # fmt: skip
+
+
+def scene_of(model: Model, gearbox: GearboxKind | None = None, timestep: float = 1e-3) -> CompiledScene:
+    """Return a robot on a hard and level floor, with midpoint steps [s]; gearbox None: the usual one."""
+    return compile_scene(model, servo_gearbox(model, gearbox), Ground(penetration=HARD), "midpoint", timestep)
 
 
 def _scene(robot: CompiledScene | Model) -> CompiledScene:
     """Return the scene to judge in; raise ValueError for what does not stand on ground by servos."""
     instance("robot", robot, (CompiledScene, Model), "give what load_robot or compile_scene returns")
     if isinstance(robot, Model):
-        robot = compile_scene(robot, servo_gearbox(robot, None), Ground(), "midpoint", 1e-3)
+        robot = scene_of(robot)
     model = robot.model
     if model.base != "floating" or robot.ground is None or robot.gearbox is None or robot.members:
         raise ValueError(
@@ -140,9 +150,11 @@ def _scene(robot: CompiledScene | Model) -> CompiledScene:
 
 
 def _servo_name(scene: CompiledScene) -> str:
-    """Describe the servos of a scene, by law and gain."""
-    kinds = {(servo.controller.law, servo.controller.Kp) for servo in scene.model.servos.values()}
-    return ", ".join(f"{law} (Kp {gain:.4g})" for law, gain in sorted(kinds)[:3]) + " and others" * (len(kinds) > 3)
+    """Name the servos of a scene: presets of the package, of others law and gain."""
+    presets = {load_servo(name): name for name in servo_names()}
+    kinds = dict.fromkeys(scene.model.servos.values())
+    texts = [presets.get(one) or f"{one.controller.law} (Kp {one.controller.Kp:.4g})" for one in kinds]
+    return some(dict.fromkeys(texts), 3)
 
 
 def _note(policy: Policy, scene: CompiledScene) -> str:
@@ -166,6 +178,8 @@ class _Rolled(NamedTuple):
     """What came of all worlds."""
 
     fell: np.ndarray  # (n,) bool
+    unsound: np.ndarray  # (n,) bool, of runs that ended otherwise than by a fall
+    why: str  # the message of the first of these
     worlds: dict[str, np.ndarray]
     joints: dict[str, np.ndarray]
     rate: float  # [Hz]
@@ -281,7 +295,10 @@ def _roll(
         worlds, joints = meter.result()
         rate = 1.0 / (timing.period * session.tick)
         runs = [session.trajectory(k) for k in range(n)] if record else []
-        return _Rolled(~session.active, worlds, joints, rate, time.perf_counter() - begun, thinking, runs)
+        status, said = np.array(session.status), session.messages
+        fell, unsound = status == Status.FELL, ~session.active & (status != Status.FELL)
+        why = said[int(unsound.argmax())] if unsound.any() else ""
+        return _Rolled(fell, unsound, why, worlds, joints, rate, time.perf_counter() - begun, thinking, runs)
 
 
 def _direction(command: np.ndarray) -> np.ndarray:
@@ -302,18 +319,18 @@ def _kicks(drawn: Drawn, timing: _Timing, tick: float) -> np.ndarray | None:
 
 
 def _verdicts(found: _Rolled, policy: Policy, command: np.ndarray, end: float, least: float) -> np.ndarray:
-    """Return "walks", "stands" or "falls" of each world.
+    """Return "walks", "stands", "falls" or "unknown" of each world, the last where the simulation is not to be trusted.
 
     Without a command, as of a gait, the way of the median world that does not fall is what is asked.
     """
-    way, upright = found.worlds["way"], ~found.fell
+    way, upright = found.worlds["way"], ~(found.fell | found.unsound)
     asked, did = float(np.hypot(command[0], command[1])) * end, way
     if not any(block.name == "command" for block in policy.description.observation):
         asked = float(np.median(way[upright])) if upright.any() else 0.0
     elif not asked:
         asked, did = abs(float(command[2])) * end, np.sign(command[2]) * found.worlds["turned"]
     walks = upright & (did >= least * asked)
-    return np.where(walks, "walks", np.where(upright, "stands", "falls"))
+    return np.where(walks, "walks", np.where(upright, "stands", np.where(found.fell, "falls", "unknown")))
 
 
 def _agreement(verdicts: np.ndarray, found: _Rolled, others: np.ndarray, fine: _Rolled) -> Agreement:

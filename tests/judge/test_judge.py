@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from featherstone_gait import Ground, Session, cli, compile_scene, load_robot, s
 from featherstone_gait.judge import Policy, PolicyDescription, compare, judge, load_policy
 from featherstone_gait.judge.description import Action, Block
 from featherstone_gait.judge.doubts import draw_worlds
+from featherstone_gait.judge.statistics import wilson
 from featherstone_gait.robot_file.source import robots_folder
 
 GAIT = robots_folder() / "humanoid" / "optimized_gait.npz"
@@ -123,6 +125,20 @@ def test_worlds_that_are_looked_at_again_are_the_same_and_fill_a_page(walked, tm
     page = walked.page(tmp_path / "page.html")
     assert page.path.stat().st_size > 1e5
     assert all(caption in page.html for caption in walked.telling())
+
+
+def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked):
+    """Of three unknown worlds of 16 the interval begins as if none walked, and ends as if all did."""
+    verdicts = np.array(["walks"] * 10 + ["falls"] * 3 + ["unknown"] * 3)
+    found = replace(walked, verdicts=verdicts, unsound="too deep")
+    assert (found.walking, found.unknown, found.share) == (10, 3, 10 / 13)
+    assert found.interval == (wilson(10, 16)[0], wilson(13, 16)[1])
+    assert "3 worlds, which count as either; the first: too deep" in found.table()
+    everything = replace(walked, verdicts=np.full(16, "unknown"))
+    assert (everything.verdict, math.isnan(everything.share)) == ("undecided", True)
+    assert len(everything.table()) > 100
+    assert found.telling()
+    assert all(verdicts[k] != "unknown" for k in found.telling().values())
 
 
 def test_two_judgments_are_compared_in_the_same_worlds(walked, scene):
