@@ -18,7 +18,9 @@ from ..base.brief import brief
 from ..base.files import FilePath
 from ..model import Model
 from ..run.program import CompiledController
-from ..walking.motion import Motion, read_motion
+from ..scene.compile import CompiledScene
+from ..walking.feedback import BalancedWalk, read_walk
+from ..walking.motion import Motion
 from .description import Action, Block, PolicyDescription, packaged_descriptions, read_description
 
 ROWS = 64  # a network is evaluated so many worlds at once, the last ones filled up: a world keeps its bits among others
@@ -37,20 +39,26 @@ class Policy:
         What is observed, and what actions mean.
     name : str
         Its name in tables.
-    controller : CompiledController or None
-        A compiled controller that turns the references into what the servos follow.
+    controller : CompiledController, callable or None
+        A compiled controller that turns the references into what the servos follow, or a function of the scene that
+        returns one.
     """
 
     act: Callable[[np.ndarray], np.ndarray]
     description: PolicyDescription
     name: str = "policy"
-    controller: CompiledController | None = None
+    controller: CompiledController | Callable[[CompiledScene], CompiledController] | None = None
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         functions(act=self.act)
         instance("policy: description", self.description, PolicyDescription, "give what read_description returns")
+
+    def controller_in(self, scene: CompiledScene) -> CompiledController | None:
+        """Return the compiled controller for a scene."""
+        own = self.controller
+        return own if own is None or isinstance(own, CompiledController) else own(scene)
 
     def actions(self, observations: np.ndarray, time: float) -> np.ndarray:
         """Return actions (n, joints) for observations (n, size); raise ValueError for what are none."""
@@ -79,8 +87,9 @@ def load_policy(
     Parameters
     ----------
     source
-        An ONNX file; a gait's .npz or its angles as .csv; a `Motion`; a function of observations (n, size) that returns
-        actions (n, joints); a compiled controller, which acts about the pose; a `Policy`.
+        An ONNX file; a gait's .npz, played with its feedback if it has any, or its angles as .csv; a `Motion`; a
+        function of observations (n, size) that returns actions (n, joints); a compiled controller, which acts about the
+        pose; a `Policy`.
     model
         The robot.
     description
@@ -106,14 +115,14 @@ def load_policy(
         found = source
     elif isinstance(source, CompiledController):
         found = Policy(_nothing, _described(description, model) or _still(model), source.name, source)
-    elif isinstance(source, Motion):
+    elif isinstance(source, Motion | BalancedWalk):
         found = _open_loop(source, "gait")
     elif isinstance(source, (str, Path)):
         path = Path(source)
         if path.suffix == ".onnx":
             found = _of_network(path, model, description)
         elif path.suffix in (".npz", ".csv"):
-            found = _open_loop(read_motion(path), path.stem)
+            found = _open_loop(read_walk(path), path.stem)
         else:
             raise ValueError(f"policy {path}: give an .onnx file, or a gait as .npz or .csv")
     else:
@@ -146,8 +155,9 @@ def _still(model: Model) -> PolicyDescription:
     return PolicyDescription((), (), math.inf, (), name=model.name)
 
 
-def _open_loop(motion: Motion, name: str) -> Policy:
-    """Return the policy that plays a motion, whose references lie on straight lines between its ticks."""
+def _open_loop(walk: Motion | BalancedWalk, name: str) -> Policy:
+    """Return the policy that plays a motion, on straight lines between its ticks, with the feedback that it has."""
+    motion = walk if isinstance(walk, Motion) else walk.motion
     period, end = motion.period, motion.begin(0)
     values = np.concatenate([motion.start, motion.stride, motion.stride[:1]])
     times = motion.tick * np.arange(len(values))
@@ -163,7 +173,8 @@ def _open_loop(motion: Motion, name: str) -> Policy:
     pose = tuple(values[0].tolist())
     observed = (Block("time"),)
     description = PolicyDescription(joints, pose, math.inf, observed, Action(limits=False), name)
-    return Policy(lambda observations: act(observations) - values[0], description, name)
+    feedback = walk.controller if isinstance(walk, BalancedWalk) else None
+    return Policy(lambda observations: act(observations) - values[0], description, name, feedback)
 
 
 # ------------------------------------------------------------------------------------------------ networks

@@ -263,10 +263,11 @@ def _roll(
     begun, thinking, description = time.perf_counter(), 0.0, policy.description
     observed = dict.fromkeys((*channels_of(description), *measured_channels(scene)))
     n, numbers = len(drawn.delay), drawn.sensing.numbers
-    ticked = with_ticks(scene, policy.controller)
+    controller = policy.controller_in(scene)
+    ticked = with_ticks(scene, controller)
     timing = _timing(description, ticked.tick_steps * ticked.timestep, end)
     with Session(
-        scene, observe=observed, worlds=drawn.worlds, controller=policy.controller, threads=threads, record=record
+        scene, observe=observed, worlds=drawn.worlds, controller=controller, threads=threads, record=record
     ) as session:
         act = _Actuator(policy, session.scene, drawn, timing, session.tick)
         starts = [standing_state(one, act.rest - off, True) for one, off in zip(session.scenes, act.offset)]

@@ -4,7 +4,15 @@ import pytest
 
 from featherstone_gait.judge import packaged_descriptions, read_description
 
-SIZES = {"berkeley_humanoid": 52, "go1": 48, "microduck": 51, "open_duck_mini_v2": 101}  # as their networks have
+SIZES = {
+    "apollo": 112,
+    "berkeley_humanoid": 52,
+    "g1": 103,
+    "go1": 48,
+    "microduck": 51,
+    "open_duck_mini_v2": 101,
+    "t1": 85,
+}  # as their networks have
 OWN = """
 rate = 50.0
 joints = ["left_knee", "right_knee"]

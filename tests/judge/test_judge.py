@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait import Ground, Session, cli, compile_scene, load_robot, standing_state
+from featherstone_gait import Ground, Session, cli, compile_scene, controller, load_robot, standing_state
 from featherstone_gait.judge import Policy, PolicyDescription, compare, judge, load_policy
 from featherstone_gait.judge.description import Action, Block
 from featherstone_gait.judge.doubts import draw_worlds
 from featherstone_gait.judge.statistics import wilson
 from featherstone_gait.robot_file.source import robots_folder
+from featherstone_gait.walking.feedback import read_walk
 
 GAIT = robots_folder() / "humanoid" / "optimized_gait.npz"
 WIDE = {"kind": "uniform", "scale": 0.1}
@@ -160,6 +161,31 @@ def test_a_policy_that_never_walks_breaks_without_a_number(scene):
     assert "no world walks" in fallen.table()
     assert math.isnan(fallen.spread("energy_per_way")[0])
     json.dumps(fallen.as_dict())
+
+
+@controller(memory=1)
+def bowing(t, state, reference, command, memory):
+    memory[0] += 0.01
+    for j in (1, 6):  # both hips
+        command[j, 0] = reference[j, 0] + min(0.4 * memory[0], 0.3)
+
+
+@pytest.mark.long
+def test_a_compiled_controller_drives_all_worlds_and_is_blamed_by_its_name(scene):
+    found = judge(bowing, scene, 8, 1.0, again=0, doubts={"worlds": DOUBTS["worlds"]})
+    assert (found.policy, found.settings["rate"]) == ("bowing", 100.0)
+    run = found.runs([2])[0]
+    offset = draw_worlds(scene, 8, 0, {"worlds": DOUBTS["worlds"]}).sensing.offset[2]
+    assert run["q"][-1, [1, 6]] + offset[[1, 6]] == pytest.approx(0.3, abs=0.06)  # bowed by as much as was asked
+
+
+@pytest.mark.long
+def test_a_gait_is_played_with_the_feedback_that_its_file_has(scene):
+    """Pushed about once a second, it walks in more worlds than the same gait without."""
+    path, rough = GAIT.with_name("balanced_gait.npz"), {"pushes": {"speed": 0.15, "every": 1.0}}
+    walk = read_walk(path, scene.model.joint_names)
+    with_it, without = (judge(one, scene, 32, 5.0, again=0, doubts=rough) for one in (path, walk.motion))
+    assert with_it.walking > without.walking + 5
 
 
 @pytest.mark.parametrize(

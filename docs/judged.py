@@ -1,0 +1,127 @@
+"""Judge published policies: `python docs/judged.py MICRODUCK PLAYGROUND`, folders of two public repositories.
+
+MICRODUCK is apirrone/microduck_runtime at 718cb2e, PLAYGROUND google-deepmind/mujoco_playground at d5e6b47 with the
+meshes that it fetches (they are drawn only).  Writes docs/reproduction/judged_policies.csv in some ten minutes.
+
+Each policy drives its robot in 100 worlds of 8 s, at a command of 0.5 m/s ahead.  Where the servos are the position
+actuators of the robot's file, it also drives it on a floor without any draw, here and in MuJoCo, at the file's step and
+at 0.2 ms.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from featherstone_gait import Ground, Model, compile_scene, load_robot, load_servo, standing_state
+from featherstone_gait.base.files import Format, write_csv
+from featherstone_gait.judge import Policy, judge, load_policy
+from featherstone_gait.judge.doubts import draw_worlds
+from featherstone_gait.judge.observation import Observer
+from featherstone_gait.judge.run import HARD
+
+OUT = Path(__file__).parent / "reproduction" / "judged_policies.csv"
+COMMAND, WORLDS, SECONDS, AGAIN = (0.5, 0.0, 0.0), 100, 8.0, 16
+FINE, SAMPLE, FALLEN = 2e-4, 0.02, 0.7  # [s], [s], cosine of the tilt
+PLAIN = {"worlds": {"ground": {"friction": {"kind": "uniform", "scale": 1e-9}}}}  # eight times the same world
+DUCKS = {"new": "walking", "m6": "new_policies/m6_rollback_walk", "rollback": "new_policies/walk_rollback_2000",
+         "rough": "new_policies/walk_rough_1500", "old": "old_policies/walking"}  # fmt: skip
+OTHERS = {"go1": ("Unitree Go1", "go1"), "berkeley_humanoid": ("Berkeley Humanoid", "bh"), "g1": ("Unitree G1", "g1"),
+          "t1": ("Booster T1", "t1"), "apollo": ("Apptronik Apollo", "apollo")}  # fmt: skip
+PRESET = load_servo("xl330")
+HALVED = replace(PRESET, controller=replace(PRESET.controller, Kp=0.5 * PRESET.controller.Kp))
+SERVOS = {"of the file": None, "xl330, P gain 400": PRESET, "xl330, P gain 200": HALVED}
+
+
+def nominal(xml: Path, model: Model, policy: Policy) -> dict[str, float]:
+    """Return speed [m/s] and energy by way [J/m] on a plain floor, here and in MuJoCo."""
+    m = mujoco.MjModel.from_xml_path(str(xml))
+    floor = Ground(friction=float(m.geom("floor").friction[0]), penetration=HARD)
+    own = judge(policy, compile_scene(model, "rotor", floor, "midpoint", 1e-3), 8, SECONDS, COMMAND, doubts=PLAIN,
+                again=0).worlds  # fmt: skip
+    found = {"own_speed": own["speed"][0], "own_J_per_m": own["energy_per_way"][0], "file_ms": 1e3 * m.opt.timestep}
+    for name, h in (("file", m.opt.timestep), ("fine", FINE)):
+        found |= {f"{name}_{what}": x for what, x in zip(("speed", "J_per_m"), in_mujoco(m, h, model, policy))}
+    return found
+
+
+def in_mujoco(m: Any, h: float, model: Model, policy: Policy) -> tuple[float, float]:
+    """Return speed [m/s] and energy by way [J/m] of a policy in MuJoCo at a step h [s]; NaN if it falls."""
+    m.opt.timestep = h
+    d, said, joints = mujoco.MjData(m), policy.description, [m.joint(name) for name in model.joint_names]
+    q, v = (np.array([getattr(one, name)[0] for one in joints]) for name in ("qposadr", "dofadr"))
+    by_joint = {int(m.actuator_trnid[k, 0]): k for k in range(m.nu)}
+    drives = [by_joint[m.joint(name).id] for name in said.joints]
+    scene = compile_scene(model, "rotor", Ground(penetration=HARD), "midpoint", 1e-3)
+    pose = np.zeros(len(joints))
+    pose[[model.joint_names.index(name) for name in said.joints]] = said.pose
+    d.qpos[:7], d.qpos[q] = scene.state_view(standing_state(scene, pose, True))["base_q"], pose
+    observer = Observer(said, scene, draw_worlds(scene, 1, 0, {}), SAMPLE)
+    actions, way, energy = np.zeros((1, len(said.joints))), 0.0, 0.0
+    mujoco.mj_forward(m, d)
+    for k in range(round(SECONDS / SAMPLE)):
+        seen = {"q": d.qpos[q], "qd": d.qvel[v], "base_q": d.qpos[:7], "base_qd": d.qvel[:6]}
+        targets = np.array([said.pose]) + np.asarray(said.action.scale) * actions
+        seen = {name: values[None].copy() for name, values in seen.items()}
+        actions = policy.actions(observer.look(seen, k, actions, targets, np.array(COMMAND)), k * SAMPLE)
+        d.ctrl[drives] = np.array(said.pose) + np.asarray(said.action.scale) * actions[0]
+        place, heading = d.qpos[:2] @ (1, 1j), turned(d.qpos)
+        for _ in range(round(SAMPLE / h)):
+            mujoco.mj_step(m, d)
+            energy += h * np.maximum(d.qfrc_actuator[v] * d.qvel[v], 0.0).sum()
+        half = 0.5 * np.angle(turned(d.qpos) / heading)
+        way += ((d.qpos[:2] @ (1, 1j) - place) / (heading * np.exp(1j * half))).real
+        if 1.0 - 2.0 * (d.qpos[4] ** 2 + d.qpos[5] ** 2) < FALLEN:
+            return np.nan, np.nan
+    return way / SECONDS, energy / way
+
+
+def turned(q: np.ndarray) -> complex:
+    """Return the heading of a base with this position and quaternion, as a complex number of length 1."""
+    w, x, y, z = q[3:7]
+    number = complex(1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y))
+    return number / abs(number)
+
+
+def row(robot: str, label: str, servo: str, xml: Path, network: Path, description: str | None) -> dict[str, Any]:
+    """Judge one policy on one robot with one kind of servo."""
+    model = load_robot(xml, contacts="feet")
+    driven = model if SERVOS[servo] is None else replace(model, servos=dict.fromkeys(model.servos, SERVOS[servo]))
+    policy = load_policy(network, model, description)
+    record = judge(policy, driven, WORLDS, SECONDS, COMMAND, again=AGAIN)
+    counts = {name: int((record.verdicts == name).sum()) for name in ("walks", "stands", "falls", "unknown")}
+    low, high = record.interval
+    figures = {"speed": "speed", "power": "power", "J_per_m": "energy_per_way", "transport": "cost_of_transport"}
+    found = {"robot": robot, "policy": label, "servo": servo, "verdict": record.verdict, **counts, "low": low,
+             "high": high, "same": record.agreement.same, "again": AGAIN, "why": record.why(),
+             **{name: record.spread(figure)[0] for name, figure in figures.items()}}  # fmt: skip
+    found |= nominal(xml, model, policy) if servo == "of the file" else {}
+    print({name: value for name, value in found.items() if name != "why"}, flush=True)
+    return found
+
+
+def main(microduck: str, playground: str) -> None:
+    """Judge all policies, and write the table."""
+    warnings.simplefilter("ignore")  # of what the readers leave out
+    duck, root = Path(microduck), Path(playground) / "mujoco_playground"
+    rows = [
+        row("Microduck", label, servo, duck / "fk" / "scene.xml", duck / "policies" / f"{name}.onnx", "microduck")
+        for servo in SERVOS for label, name in DUCKS.items()
+    ]  # fmt: skip
+    for robot, (name, short) in OTHERS.items():
+        xml = root / "_src" / "locomotion" / robot / "xmls" / "scene_mjx_feetonly_flat_terrain.xml"
+        network = root / "experimental" / "sim2sim" / "onnx" / f"{short}_policy.onnx"
+        rows.append(row(name, short, "of the file", xml, network, robot))
+    columns = [*dict.fromkeys(name for one in rows for name in one)]
+    cells = ([one.get(name, "") for name in columns] for one in rows)
+    write_csv(OUT, Format("judged policies", 1), columns, cells, end="\n")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
