@@ -1,6 +1,9 @@
 """Walk a gait in MuJoCo, with the same servos and MuJoCo's contact, on twelve floors; it resumes if interrupted.
 
-Writes GAIT_crosscheck.json (one row per floor, in MuJoCo and here) and .csv.
+A policy as an ONNX file walks for some seconds, on the floor of 10 ms or those that are named; its speed and energy
+are printed beside those here.
+
+Of a gait it writes GAIT_crosscheck.json (one row per floor, in MuJoCo and here) and .csv.
 
 Takes a minute or two on two cores; Ctrl-C keeps finished floors.
 
@@ -43,11 +46,18 @@ def add(commands: Commands) -> None:
     parser.option("--strides", "strides to measure, after the first two", 20, metavar="N")
     parser.option("--timestep", "MuJoCo's time step [s]", 2.5e-4, metavar="S")
     parser.option("--processes", "number of processes", 2, metavar="N")
+    described = "of a policy: what it observes and drives, a TOML file or a name that the package knows"
+    parser.option("--description", described, metavar="WHAT")
+    asked = "of a policy: velocities ahead, to the left [m/s] and about the vertical [rad/s] (default: 0.1,0,0)"
+    parser.option("--command", asked, "0.1,0,0", dest="velocities", metavar="VX,VY,WZ")
+    parser.option("--seconds", "of a policy: how long it walks [s]", 10.0, metavar="S")
     add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
+    if args.gait.suffix == ".onnx":
+        return _policy(args)
     from ..base.arguments import one_of
     from ..crosscheck import FLOORS, crosscheck, summary
     from ..crosscheck.in_mujoco import SOLES, soles_of
@@ -85,3 +95,36 @@ def run(args: Namespace) -> int:
     print("\n".join([*rows, textwrap.fill(said, LINE)]))
     print("files:", *files(out))
     return 0
+
+
+def _policy(args: Namespace) -> int:
+    """Let a policy walk in MuJoCo and here, and print what both say."""
+    from ..base.arguments import one_of
+    from ..crosscheck import FLOORS, Floor, crosscheck_policy
+    from ..crosscheck.in_mujoco import SOLES
+    from ..judge.run import scene_of
+    from ..scene.actuator import servo_gearbox
+    from ..walking.walker import driven, load_walker
+
+    names = [one_of("floors", name, FLOORS) for name in (args.floors or "10ms_0.9").split(",")]
+    asked = [one_of("soles", name, SOLES) for name in (args.soles or "spheres").split(",")]
+    floors = [(name, Floor(*FLOORS[name], kind)) for name in names for kind in SOLES if kind in asked]
+    command = _velocities(args.velocities)
+    with telling_extras():
+        model = load_walker(args.robot, base=args.base, contacts=args.contacts, locked=args.locked)
+        model = model if args.servo is None else driven(model, args.servo)
+        scene = scene_of(model, servo_gearbox(model, args.gearbox))
+        announce(args, f"about {max(1, round(0.02 * args.seconds * len(floors)))} min, compiling aside")
+        for name, floor in floors:
+            how = {"description": args.description, "floor": floor, "timestep": args.timestep}
+            found = crosscheck_policy(args.gait, scene, args.seconds, command, **how)
+            print(f"{name}, {floor.soles}", found.table(), sep="\n", end="\n\n")
+    return 0
+
+
+def _velocities(text: str) -> list[float]:
+    """Return the velocities of a text; raise ValueError for what are no numbers."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise ValueError(f"--command is {text!r}; expected three numbers with commas: give 0.1,0,0") from error

@@ -67,7 +67,7 @@ class Floor:
     impratio: float = 1.0
 
 
-class _Machine(NamedTuple):
+class Machine(NamedTuple):
     """MuJoCo's model, the servos and the joints' addresses; arrays are (n,) in the order of the robot's joints."""
 
     m: Any
@@ -139,20 +139,20 @@ def replay(
     per_tick = round(period / real("timestep", timestep, 1e-6, period, "give MuJoCo's step [s]"))
     if abs(per_tick * timestep - period) > 1e-9 * period:
         raise ValueError(f"timestep {timestep:g} s does not divide the controllers' period of {period:g} s")
-    machine = _machine(scene, floor, timestep, objects)
-    _place(machine, q)
+    machine = machine_of(scene, floor, timestep, objects)
+    place(machine, q)
     ticks = math.ceil(duration / period - 1e-9)
     drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + EVENT_MARGIN)
     acts = None if controller is None else _Acting(controller, scene, machine)
-    rows, status = [_row(scene, machine)], "ok"
+    rows, status = [sample_of(scene, machine)], "ok"
     for k in range(ticks):
         if acts is not None:
             drive[k], rate[k] = acts(k, np.stack([drive[k], rate[k]], axis=1)).T
-        _tick(machine, drive[k], rate[k], period, per_tick)
-        rows.append(_row(scene, machine))
+        advance(machine, drive[k], rate[k], period, per_tick)
+        rows.append(sample_of(scene, machine))
         if not np.isfinite(machine.d.qpos).all() or machine.d.warning.number.any():
             status = "diverged"
-        elif floor is not None and _fell(scene, machine):
+        elif floor is not None and has_fallen(scene, machine):
             status = "fell"
         if status != "ok":
             break
@@ -167,7 +167,7 @@ def replay(
 class _Acting:
     """A user's controller in this engine."""
 
-    def __init__(self, controller: CompiledController, scene: CompiledScene, machine: _Machine) -> None:
+    def __init__(self, controller: CompiledController, scene: CompiledScene, machine: Machine) -> None:
         if controller.writes != "reference":
             what = f"controller {controller.name} writes {controller.writes}s"
             raise ValueError(f"{what}; the replay in MuJoCo has references alone: write these")
@@ -238,13 +238,13 @@ def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep:
     ImportError, ValueError
         As `replay`; ValueError for a robot that does not stand.
     """
-    machine = _machine(scene, floor, timestep)
-    _place(machine, standing(scene, angles, 0.0))
+    machine = machine_of(scene, floor, timestep)
+    place(machine, standing(scene, angles, 0.0))
     period, still = scene.tick_steps * scene.timestep, np.zeros_like(angles)
     for _ in range(round(SETTLING / period)):
-        _tick(machine, angles, still, period, round(period / timestep))
+        advance(machine, angles, still, period, round(period / timestep))
     depth = float(np.maximum(-machine.d.contact.dist, 0.0).sum()) / len(scene.model.contacts)
-    if _fell(scene, machine) or depth <= 0.0:
+    if has_fallen(scene, machine) or depth <= 0.0:
         raise ValueError(f"{scene.model.name} does not stand in the first posture; its sinking cannot be measured")
     return depth
 
@@ -264,7 +264,7 @@ def evaluated(reference: Reference, times: np.ndarray) -> tuple[np.ndarray, np.n
 # ---------------------------------------------------------------------------------------------- stepping
 
 
-def _tick(machine: _Machine, reference: np.ndarray, rate: np.ndarray, period: float, count: int) -> None:
+def advance(machine: Machine, reference: np.ndarray, rate: np.ndarray, period: float, count: int) -> None:
     """Make a tick of the controllers and `count` steps of MuJoCo; voltages act when their delay is over."""
     d, chain, h = machine.d, machine.chain, period / count
     waits = round(chain.delay * count / period)
@@ -282,7 +282,7 @@ def _tick(machine: _Machine, reference: np.ndarray, rate: np.ndarray, period: fl
     _steps(machine, count - shift)
 
 
-def _steps(machine: _Machine, count: int) -> None:
+def _steps(machine: Machine, count: int) -> None:
     """Make steps of MuJoCo with the motors' torques; its warnings (a state that it resets) are in `d.warning`."""
     mujoco, d, chain, joints, motors = _mujoco(), machine.d, machine.chain, machine.v, machine.motor
     speeds, applied, loose = d.qvel, d.qfrc_applied, chain.gears.loose
@@ -304,7 +304,7 @@ def _steps(machine: _Machine, count: int) -> None:
             chain.filter(speeds[joints])
 
 
-def _through_gears(machine: _Machine) -> np.ndarray:
+def _through_gears(machine: Machine) -> np.ndarray:
     """Return the gearboxes' torques on the joints [N m]."""
     d, teeth, (stiffness, damping) = machine.d, machine.chain.gears, machine.gears.T
     e, de = d.qpos[machine.rotor] - d.qpos[machine.q], d.qvel[machine.motor] - d.qvel[machine.v]
@@ -312,7 +312,7 @@ def _through_gears(machine: _Machine) -> np.ndarray:
     return np.where(teeth.loose, teeth.torque(e, de), sprung) if teeth.loose.any() else sprung
 
 
-def _budget(machine: _Machine, t_m: np.ndarray) -> np.ndarray:
+def _budget(machine: Machine, t_m: np.ndarray) -> np.ndarray:
     """Return the largest dry friction in the next step [N m], from the mechanism's load on the joints in the last.
 
     The load is t_e of A dv/dt = t_m + t_f + t_e, t_f all friction: the viscous one, and what MuJoCo's constraint gave.
@@ -326,7 +326,8 @@ def _budget(machine: _Machine, t_m: np.ndarray) -> np.ndarray:
     return np.maximum(machine.coulomb + machine.chain.gears.budget(speed, t_m, t_e), LEAST)
 
 
-def _place(machine: _Machine, q: np.ndarray) -> None:
+def place(machine: Machine, q: np.ndarray) -> None:
+    """Place the robot at rest with positions q (nq,), its rotors turned as far as its joints."""
     m, d, base = machine.m, machine.d, len(q) - len(machine.q)
     _mujoco().mj_resetData(m, d)
     d.qpos[:base] = q[:base]
@@ -339,7 +340,7 @@ def _place(machine: _Machine, q: np.ndarray) -> None:
     _mujoco().mj_forward(m, d)
 
 
-def _row(scene: CompiledScene, machine: _Machine) -> dict[str, np.ndarray]:
+def sample_of(scene: CompiledScene, machine: Machine) -> dict[str, np.ndarray]:
     """Return the channels of a sample; a base's velocities have the same convention in MuJoCo and here."""
     d, chain = machine.d, machine.chain
     q, v = d.qpos[machine.q], d.qvel[machine.v]
@@ -352,7 +353,7 @@ def _row(scene: CompiledScene, machine: _Machine) -> dict[str, np.ndarray]:
     return base | {"q": q, "qd": v, "torque": torque, "current": chain.current.copy(), "energy": energy}
 
 
-def _fell(scene: CompiledScene, machine: _Machine) -> bool:
+def has_fallen(scene: CompiledScene, machine: Machine) -> bool:
     """Check whether the center of mass is too low or the base tilted too far, as `core/integrate/rollout.py` does."""
     d = machine.d
     tilt = np.zeros(9)
@@ -394,7 +395,8 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     return servos
 
 
-def _machine(scene: CompiledScene, floor: Floor | None, h: float, objects: Objects | None = None) -> _Machine:
+def machine_of(scene: CompiledScene, floor: Floor | None, h: float, objects: Objects | None = None) -> Machine:
+    """Build a robot with its servos on a floor, for steps of h [s]; raise ValueError for what the replay lacks."""
     mujoco, model, servos = _mujoco(), scene.model, _servos(scene)
     bare, _ = mjcf_text(replace(model, servos={}, contacts=(), shapes=(), keyframes={}, sensors=()))
     spec = mujoco.MjSpec.from_string(_with_rotors(bare, servos if scene.gearbox == "mipsd" else {}))
@@ -434,7 +436,7 @@ def _machine(scene: CompiledScene, floor: Floor | None, h: float, objects: Objec
     loops = np.isin(m.eq_type, [getattr(mujoco.mjtEq, f"mjEQ_{kind}") for kind in ("CONNECT", "WELD", "TENDON")])
     m.eq_solref[loops], m.eq_solimp[loops, :2] = (2.0 * h, 1.0), 0.9999  # and loops hardly open
     chain = ServoChain([servos.get(name) for name in model.joint_names], h, model.supply)
-    return _Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded,
+    return Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded,
                     free[:, None] + np.arange(7), thrown)  # fmt: skip
 
 
