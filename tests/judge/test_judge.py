@@ -247,5 +247,11 @@ def test_the_command_writes_a_row_for_each_world(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "optimized_gait_judgment.html").stat().st_size > 5e4
     rows = (tmp_path / "optimized_gait_judgment.csv").read_text("utf-8").splitlines()
     assert [row.partition(",")[0] for row in rows[1:]] == ["world", *map(str, range(8))]
+    twice = ["judge", str(GAIT), *command[1:], "--seconds", "0.2", "--out", str(tmp_path), "--quiet"]
+    assert cli.main(twice) == 0
+    assert "2 walks in 0 worlds in which 1 does not, 1 in 0" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.glob("*_2_judgment.*")} == {
+        f"optimized_gait_2_judgment{ending}" for ending in (".json", ".csv", ".html")
+    }
     assert cli.main([*command, "--command", "1,2"]) == 2
     assert "--command is '1,2'" in capsys.readouterr().err
