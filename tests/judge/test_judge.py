@@ -153,6 +153,27 @@ def test_two_judgments_are_compared_in_the_same_worlds(walked, scene):
         compare([walked])
 
 
+def test_an_inertial_sensor_tells_what_was_a_delay_ago(scene):
+    """Steps of 20 ms are two samples of 10 ms; a delay of 30 ms at most is none to two of them."""
+    seen = []
+
+    def act(observations):
+        seen.append(observations.copy())
+        return np.tile(np.sin(0.4 * len(seen) + np.arange(10.0)), (len(observations), 1))
+
+    doubts = {"worlds": DOUBTS["worlds"], "sensing": {"sensor_delay": 0.03}}
+    found = judge(leaning(scene, act), scene, 8, 0.4, again=0, doubts=doubts)
+    late = (found.factors["delay of the sensor"] / 0.01).astype(int)
+    assert {*late} == {0, 1, 2}
+    looked = np.array(seen)  # (steps, worlds, numbers)
+    seen.clear()  # its clock begins anew
+    for world, run in enumerate(found.runs(range(8))):
+        w, x, y, z = run["base_q"][:, 3:].T
+        down = np.column_stack([2 * (w * y - x * z), -2 * (y * z + w * x), 2 * (x * x + y * y) - 1])
+        then = np.maximum(2 * np.arange(20) - late[world], 0)
+        assert np.abs(looked[:20, world, :3] - down[then]).max() < 1e-14
+
+
 def test_a_policy_that_never_walks_breaks_without_a_number(scene):
     fallen = judge(leaning(scene, lambda x: np.full((len(x), 10), 9.0)), scene, 8, 1.5, again=0, doubts=DOUBTS)
     assert (fallen.walking, fallen.verdict) == (0, "breaks")
