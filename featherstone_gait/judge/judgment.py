@@ -181,9 +181,9 @@ class Judgment:
         return f"{said}; {'no joint is saturated' if joint is None else f'{joint} is saturated first'}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what was found, as a dictionary of plain numbers and texts."""
+        """Return what was found, as a dictionary of plain numbers and texts, None for what is no number."""
         counts = {name: int((self.verdicts == name).sum()) for name in ("walks", "stands", "falls", "unknown")}
-        return {
+        found = {
             "policy": self.policy, "robot": self.robot, "servo": self.servo, **self.settings,
             "worlds": len(self.verdicts), "verdict": self.verdict, "share": self.share, "interval": [*self.interval],
             **counts, "median_and_quartiles": {name: [*self.spread(name)] for name in FIGURES},
@@ -192,6 +192,7 @@ class Judgment:
             "half_the_step": self.agreement and self.agreement._asdict(), "left_out": self.left_out,
             "note": self.note, "unsound": self.unsound,
         }  # fmt: skip
+        return _plain(found)
 
     def _by_joint(self) -> dict[str, list[float]]:
         """Return the largest peak of all worlds, and medians of the others, of each joint."""
@@ -278,3 +279,12 @@ class Judgment:
             for k in range(len(self.verdicts))
         )
         write_csv(path, TABLE, ["world", "verdict", *names, *drawn], rows, end="\n")
+
+
+def _plain(value: Any) -> Any:
+    """Return a value in which numbers that are not finite are None."""
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
