@@ -62,13 +62,14 @@ def in_mujoco(m: Any, h: float, model: Model, policy: Policy) -> tuple[float, fl
     pose = np.zeros(len(joints))
     pose[[model.joint_names.index(name) for name in said.joints]] = said.pose
     d.qpos[:7], d.qpos[q] = scene.state_view(standing_state(scene, pose, True))["base_q"], pose
-    observer = Observer(said, scene, draw_worlds(scene, 1, 0, {}), SAMPLE)
+    observer = Observer(said, scene, draw_worlds(scene, 1, 0, {}), SAMPLE, SAMPLE)
     actions, way, energy = np.zeros((1, len(said.joints))), 0.0, 0.0
     mujoco.mj_forward(m, d)
     for k in range(round(SECONDS / SAMPLE)):
         seen = {"q": d.qpos[q], "qd": d.qvel[v], "base_q": d.qpos[:7], "base_qd": d.qvel[:6]}
         targets = np.array([said.pose]) + np.asarray(said.action.scale) * actions
         seen = {name: values[None].copy() for name, values in seen.items()}
+        observer.sample(seen)
         actions = policy.actions(observer.look(seen, k, actions, targets, np.array(COMMAND)), k * SAMPLE)
         d.ctrl[drives] = np.array(said.pose) + np.asarray(said.action.scale) * actions[0]
         place, heading = d.qpos[:2] @ (1, 1j), turned(d.qpos)

@@ -59,10 +59,12 @@ def run(args: Namespace) -> int:
             print(gearbox_line(gearbox))
         announce(args, "a minute for 200 worlds of 10 s, compiling aside")
         asked, records = _velocities(args.velocities), []
-        for policy in args.policies:
+        stems = [policy.stem for policy in args.policies]
+        for k, policy in enumerate(args.policies):
             how: dict[str, Any] = {"description": args.description, "doubts": args.doubts}
             record = judge(policy, scene, args.worlds, args.seconds, asked, args.seed, **how)
-            files = [args.out / f"{policy.stem}_judgment{ending}" for ending in (".json", ".csv", ".html")]
+            stem = policy.stem + f"_{k + 1}" * (stems.count(policy.stem) > 1)
+            files = [args.out / f"{stem}_judgment{ending}" for ending in (".json", ".csv", ".html")]
             with complete(files[0]) as temporary:
                 temporary.write_text(json.dumps(record.as_dict(), indent=1), "utf-8")
             record.write_csv(files[1])

@@ -36,13 +36,14 @@ class Numbers:
     mounting: float = 0.0  # [rad]
     joint_noise: float = 0.0  # [rad]
     joint_speed_noise: float = 0.0  # [rad/s]
+    sensor_delay: float = 0.0  # [s]
     delay: float = 0.0  # [s]
     lost: float = 0.0
     speed: float = 0.0  # [m/s]
     every: float = 3.0  # [s]
 
 
-TABLES = {"sensing": [f.name for f in fields(Numbers)][:6], "link": ["delay", "lost"], "pushes": ["speed", "every"]}
+TABLES = {"sensing": [f.name for f in fields(Numbers)][:7], "link": ["delay", "lost"], "pushes": ["speed", "every"]}
 
 
 class Sensing(NamedTuple):
@@ -51,6 +52,7 @@ class Sensing(NamedTuple):
     offset: np.ndarray  # (n, joints) zeros [rad]
     bias: np.ndarray  # (n, 3) [rad/s]
     mounting: np.ndarray  # (n, 3) [rad]
+    late: np.ndarray  # (n,) of the inertial sensor [s]
     numbers: Numbers
     seed: int
 
@@ -82,7 +84,7 @@ class Drawn(NamedTuple):
             key = f"{parts[0]}.{name}" if len(parts) == 1 and parts[0] else name
             tables.setdefault(section, {})[key] = values[rows]
         s = self.sensing
-        sensing = s._replace(offset=s.offset[rows], bias=s.bias[rows], mounting=s.mounting[rows])
+        sensing = s._replace(**{name: getattr(s, name)[rows] for name in ("offset", "bias", "mounting", "late")})
         worlds = Worlds(runs=len(rows), **tables)
         return self._replace(worlds=worlds, sensing=sensing, delay=self.delay[rows], who=self.who[rows])
 
@@ -115,8 +117,10 @@ def draw_worlds(
     def either(name: str, width: int) -> np.ndarray:
         return getattr(numbers, name) * _generator(seed, name).uniform(-1.0, 1.0, (count, width))
 
-    sensing = Sensing(offset, either("gyroscope_bias", 3), either("mounting", 3), numbers, seed)
-    delay = numbers.delay * _generator(seed, "delay").uniform(0.0, 1.0, count)
+    delay, late = (
+        getattr(numbers, name) * _generator(seed, name).uniform(0.0, 1.0, count) for name in ("delay", "sensor_delay")
+    )
+    sensing = Sensing(offset, either("gyroscope_bias", 3), either("mounting", 3), late, numbers, seed)
     return Drawn(worlds, sensing, delay, _factors(scene, worlds, sensing, delay), left_out, np.arange(count))
 
 
@@ -172,7 +176,7 @@ def _factors(scene: CompiledScene, worlds: Worlds, sensing: Sensing, delay: np.n
     found |= {f"zero of {name}": sensing.offset[:, j] for j, name in enumerate(scene.model.joint_names)}
     for what, values in (("gyroscope bias", sensing.bias), ("mounting of the sensor", sensing.mounting)):
         found |= {f"{what} {axis}": values[:, k] for k, axis in enumerate(AXES)}
-    found["delay"] = delay
+    found |= {"delay": delay, "delay of the sensor": sensing.late}
     return {name: values for name, values in found.items() if np.ptp(values) > 0.0}
 
 

@@ -145,18 +145,7 @@ class Judgment:
         return causes(factors, self.verdicts[known] != "walks")
 
     def spread(self, name: str) -> tuple[float, float, float]:
-        """Return median and quartiles of a number over the worlds in which it walks, NaN of none.
-
-        Parameters
-        ----------
-        name
-            One of `worlds`.
-
-        Returns
-        -------
-        tuple of float
-            The median, the lower and the upper quartile.
-        """
+        """Return median and quartiles of a number over the worlds in which it walks, NaN of none."""
         values = self.worlds[name][self.verdicts == "walks"]
         values = values[np.isfinite(values)]
         if not len(values):
@@ -174,13 +163,7 @@ class Judgment:
         return self.joint_names[int(np.bincount(first[some].argmin(axis=1), minlength=first.shape[1]).argmax())]
 
     def why(self) -> str:
-        """Say what it breaks on, in a sentence.
-
-        Returns
-        -------
-        str
-            The factor that differs most between worlds, with its effect, and the joint that is saturated first.
-        """
+        """Say what it breaks on, in a sentence."""
         found = self.causes
         failing = len(self.verdicts) - self.walking - self.unknown
         if not found:
@@ -198,15 +181,9 @@ class Judgment:
         return f"{said}; {'no joint is saturated' if joint is None else f'{joint} is saturated first'}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what was found, as a dictionary of plain numbers and texts.
-
-        Returns
-        -------
-        dict
-            Verdict, share with its interval, medians and quartiles, causes, joints, settings.
-        """
+        """Return what was found, as a dictionary of plain numbers and texts, None for what is no number."""
         counts = {name: int((self.verdicts == name).sum()) for name in ("walks", "stands", "falls", "unknown")}
-        return {
+        found = {
             "policy": self.policy, "robot": self.robot, "servo": self.servo, **self.settings,
             "worlds": len(self.verdicts), "verdict": self.verdict, "share": self.share, "interval": [*self.interval],
             **counts, "median_and_quartiles": {name: [*self.spread(name)] for name in FIGURES},
@@ -215,6 +192,7 @@ class Judgment:
             "half_the_step": self.agreement and self.agreement._asdict(), "left_out": self.left_out,
             "note": self.note, "unsound": self.unsound,
         }  # fmt: skip
+        return _plain(found)
 
     def _by_joint(self) -> dict[str, list[float]]:
         """Return the largest peak of all worlds, and medians of the others, of each joint."""
@@ -226,13 +204,7 @@ class Judgment:
         return found
 
     def table(self) -> str:
-        """Return what was found as text.
-
-        Returns
-        -------
-        str
-            Lines of at most 79 columns.
-        """
+        """Return what was found as text."""
         low, high = self.interval
         command = ", ".join(f"{x:g}" for x in self.settings["command"])
         count = {name: (self.verdicts == name).sum() for name in ("falls", "stands")}
@@ -275,13 +247,7 @@ class Judgment:
         return found
 
     def telling(self) -> dict[str, int]:
-        """Return the numbers of two worlds that tell most.
-
-        Returns
-        -------
-        dict of str to int
-            By caption: of those that walk the one of median energy by way, and the one that fell first, or the dearest.
-        """
+        """Return the numbers of two worlds that tell most."""
         found, per_way = {}, self.worlds["energy_per_way"]
         walking = np.flatnonzero(self.verdicts == "walks")
         failing = np.flatnonzero((self.verdicts == "falls") | (self.verdicts == "stands"))
@@ -297,18 +263,7 @@ class Judgment:
         return found
 
     def page(self, path: FilePath) -> Page:
-        """Write a page that shows the robot in the median world and in the worst one.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Returns
-        -------
-        Page
-            The page, as of `show`.
-        """
+        """Write a page that shows the robot in the median world and in the worst one."""
         from ..view.shown import show
 
         assert self.runs is not None
@@ -317,16 +272,19 @@ class Judgment:
         return show(first, self.scene, *others, captions=[*worlds], path=path)
 
     def write_csv(self, path: FilePath) -> None:
-        """Write a row for each world: its verdict, what was measured, what was drawn.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-        """
+        """Write a row for each world: its verdict, what was measured, what was drawn."""
         names, drawn = [*self.worlds], [*self.factors]
         rows = (
             [k, self.verdicts[k], *(self.worlds[name][k] for name in names), *(self.factors[name][k] for name in drawn)]
             for k in range(len(self.verdicts))
         )
         write_csv(path, TABLE, ["world", "verdict", *names, *drawn], rows, end="\n")
+
+
+def _plain(value: Any) -> Any:
+    """Return a value in which numbers that are not finite are None."""
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

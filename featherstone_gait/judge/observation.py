@@ -13,6 +13,7 @@ from ..scene.compile import CompiledScene
 from .description import Block, PolicyDescription
 from .doubts import Drawn
 
+WHOLE = 1e-6  # tolerance of delays in samples
 OBSERVED = ("q", "qd", "base_q", "base_qd")
 MORE = {"accelerometer": ("base_qdd",), "contacts": ("contact_force",)}  # channels that blocks read besides
 
@@ -26,7 +27,9 @@ def channels_of(description: PolicyDescription) -> tuple[str, ...]:
 class Observer:
     """What a policy sees of the robots of a session, and what it has answered before."""
 
-    def __init__(self, description: PolicyDescription, scene: CompiledScene, drawn: Drawn, period: float) -> None:
+    def __init__(
+        self, description: PolicyDescription, scene: CompiledScene, drawn: Drawn, period: float, sample: float
+    ) -> None:
         self.description, self.scene, self.sensing, self._period = description, scene, drawn.sensing, period
         sensing = drawn.sensing
         self.n, joints = len(sensing.offset), scene.model.joint_names
@@ -34,12 +37,21 @@ class Observer:
         self.pose = np.array(description.pose)
         self._noise = SampledSensor("q", noise=sensing.deviations(len(joints)), seed=sensing.seed, name="judge")
         self._histories: dict[int, np.ndarray] = {}
-        self._robots = drawn.who
+        self._robots, self._rows = drawn.who, np.arange(self.n)
+        self._late = np.floor(sensing.late / sample + WHOLE).astype(int)  # in samples
+        self._bases: list[np.ndarray] = []  # (n, 13) of the last samples, the newest last
         links = [point.link for point in scene.model.contacts]
         self._feet = {
             k: np.array([[link == one for link in links] for one in block.links])
             for k, block in enumerate(description.observation) if block.name == "contacts"
         }  # fmt: skip
+
+    def sample(self, seen: dict[str, np.ndarray]) -> None:
+        """Take note of the bases, which an inertial sensor tells late."""
+        self._bases = [
+            *self._bases[-int(self._late.max(initial=0)) - 1 :],
+            np.hstack([seen["base_q"], seen["base_qd"]]),
+        ]
 
     def look(
         self, seen: dict[str, np.ndarray], number: int, actions: np.ndarray, targets: np.ndarray, command: np.ndarray
@@ -63,7 +75,9 @@ class Observer:
         s, joints = self.sensing, seen["q"].shape[1]
         noise = noise_of(self._noise, (6 + 2 * joints,), self._robots, np.full(self.n, number))
         noise = np.broadcast_to(noise, (self.n, 6 + 2 * joints))
-        q, gyroscope = seen["base_q"], seen["base_qd"][:, 3:]
+        last = len(self._bases) - 1
+        base = np.array(self._bases)[np.maximum(last - self._late, 0), self._rows]
+        q, gyroscope = base[:, :7], base[:, 10:]
         down = down_in_base(q)
         tilted = gravity = down + np.cross(down, s.mounting)
         if noise.any():
@@ -74,10 +88,10 @@ class Observer:
             "projected_gravity": gravity,
             "joint_pos": (seen["q"] + s.offset + noise[:, 6 : 6 + joints])[:, self.columns] - self.pose,
             "joint_vel": (seen["qd"] + noise[:, 6 + joints :])[:, self.columns],
-            "base_lin_vel": in_base(q, seen["base_qd"][:, :3]),
+            "base_lin_vel": in_base(q, base[:, 7:10]),
         }
         if "base_qdd" in seen:
-            found["accelerometer"] = in_base(q, seen["base_qdd"][:, :3] - self.scene.constants.gravity)
+            found["accelerometer"] = in_base(seen["base_q"], seen["base_qdd"][:, :3] - self.scene.constants.gravity)
         if "contact_force" in seen:
             found["touching"] = seen["contact_force"][:, :, 0] > 0.0
         return found

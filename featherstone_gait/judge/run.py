@@ -272,7 +272,10 @@ def _roll(
         act = _Actuator(policy, session.scene, drawn, timing, session.tick)
         starts = [standing_state(one, act.rest - off, True) for one, off in zip(session.scenes, act.offset)]
         seen = session.reset(state=starts)
-        observer = Observer(description, session.scene, drawn, timing.period * session.tick)
+        observer = Observer(
+            description, session.scene, drawn, timing.period * session.tick, timing.ticks * session.tick
+        )
+        observer.sample(seen)
         meter = Meter(session, seen, _direction(command), timing.ticks * session.tick)
         actions = np.zeros((n, len(description.joints)))
         lost = drawn.uniform("lost", timing.steps) < numbers.lost
@@ -291,6 +294,7 @@ def _roll(
                 moving = session.active
                 seen = session.step(act.references(step * timing.samples + k), timing.ticks)
                 meter.take(seen, moving)
+                observer.sample(seen)
             if not session.active.any():
                 break
         worlds, joints = meter.result()

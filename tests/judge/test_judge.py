@@ -11,6 +11,7 @@ from featherstone_gait import Ground, Session, cli, compile_scene, controller, l
 from featherstone_gait.judge import Policy, PolicyDescription, compare, judge, load_policy
 from featherstone_gait.judge.description import Action, Block
 from featherstone_gait.judge.doubts import draw_worlds
+from featherstone_gait.judge.run import _Actuator, _Timing
 from featherstone_gait.judge.statistics import wilson
 from featherstone_gait.robot_file.source import robots_folder
 from featherstone_gait.walking.feedback import read_walk
@@ -153,6 +154,52 @@ def test_two_judgments_are_compared_in_the_same_worlds(walked, scene):
         compare([walked])
 
 
+def test_an_inertial_sensor_tells_what_was_a_delay_ago(scene):
+    """Steps of 20 ms are two samples of 10 ms; a delay of 30 ms at most is none to two of them."""
+    seen = []
+
+    def act(observations):
+        seen.append(observations.copy())
+        return np.tile(np.sin(0.4 * len(seen) + np.arange(10.0)), (len(observations), 1))
+
+    doubts = {"worlds": DOUBTS["worlds"], "sensing": {"sensor_delay": 0.03}}
+    found = judge(leaning(scene, act), scene, 8, 0.4, again=0, doubts=doubts)
+    late = (found.factors["delay of the sensor"] / 0.01).astype(int)
+    assert {*late} == {0, 1, 2}
+    looked = np.array(seen)  # (steps, worlds, numbers)
+    seen.clear()  # its clock begins anew
+    for world, run in enumerate(found.runs(range(8))):
+        w, x, y, z = run["base_q"][:, 3:].T
+        down = np.column_stack([2 * (w * y - x * z), -2 * (y * z + w * x), 2 * (x * x + y * y) - 1])
+        then = np.maximum(2 * np.arange(20) - late[world], 0)
+        assert np.abs(looked[:20, world, :3] - down[then]).max() < 1e-14
+
+
+def test_references_arrive_late_and_those_that_are_lost_not_at_all(scene):
+    """What the servos get at a sample is what was sent a delay before, but for lost ones; some move at most so fast."""
+    policy = leaning(scene, lambda x: x[:, :10])
+    drawn = draw_worlds(scene, 4, 0, {"worlds": {"reference": {"offset": {"kind": "uniform", "scale": 0.01}}}})
+    drawn = drawn._replace(delay=np.array([0.0, 0.01, 0.03, 0.05]))  # 0, 1, 3 and 5 samples
+    act = _Actuator(policy, scene, drawn, _Timing(2, 1, 2, 20), 0.01)
+    draws = np.random.default_rng(3)
+    actions, lost = 0.5 * draws.normal(size=(20, 4, 10)), draws.random((20, 4)) < 0.3
+    limits = np.array([(one.lower, one.upper) for one in scene.model.moving_joints]).T
+    sent, arrived = np.clip(0.2 * actions, *limits), np.zeros((21, 4, 10))
+    for step in range(20):
+        arrived[step] = np.where(lost[step, :, None], arrived[step - 1], sent[step])
+        act.send(step, actions[step], lost[step])
+        assert np.array_equal(act.targets, sent[step])  # what the policy believes
+        for sample in (2 * step, 2 * step + 1):
+            then = [(sample - late) // 2 if sample >= late else -1 for late in (0, 1, 3, 5)]
+            expected = arrived[then, np.arange(4)] - drawn.sensing.offset
+            assert np.array_equal(act.references(sample), expected)
+    own = policy.description
+    slow = replace(policy, description=replace(own, action=replace(own.action, max_speed=2.0)))
+    act = _Actuator(slow, scene, drawn, _Timing(2, 1, 2, 20), 0.01)
+    act.send(0, np.full((4, 10), 9.0), np.zeros(4, bool))
+    assert np.abs(act.targets).max() == pytest.approx(2.0 * 0.02)
+
+
 def test_a_policy_that_never_walks_breaks_without_a_number(scene):
     fallen = judge(leaning(scene, lambda x: np.full((len(x), 10), 9.0)), scene, 8, 1.5, again=0, doubts=DOUBTS)
     assert (fallen.walking, fallen.verdict) == (0, "breaks")
@@ -160,7 +207,8 @@ def test_a_policy_that_never_walks_breaks_without_a_number(scene):
     assert (fallen.worlds["time"] < 1.5).all()
     assert "no world walks" in fallen.table()
     assert math.isnan(fallen.spread("energy_per_way")[0])
-    json.dumps(fallen.as_dict())
+    found = json.loads(json.dumps(fallen.as_dict(), allow_nan=False))
+    assert found["median_and_quartiles"]["energy_per_way"] == [None] * 3
 
 
 @controller(memory=1)
@@ -247,5 +295,11 @@ def test_the_command_writes_a_row_for_each_world(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "optimized_gait_judgment.html").stat().st_size > 5e4
     rows = (tmp_path / "optimized_gait_judgment.csv").read_text("utf-8").splitlines()
     assert [row.partition(",")[0] for row in rows[1:]] == ["world", *map(str, range(8))]
+    twice = ["judge", str(GAIT), *command[1:], "--seconds", "0.2", "--out", str(tmp_path), "--quiet"]
+    assert cli.main(twice) == 0
+    assert "2 walks in 0 worlds in which 1 does not, 1 in 0" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.glob("*_2_judgment.*")} == {
+        f"optimized_gait_2_judgment{ending}" for ending in (".json", ".csv", ".html")
+    }
     assert cli.main([*command, "--command", "1,2"]) == 2
     assert "--command is '1,2'" in capsys.readouterr().err

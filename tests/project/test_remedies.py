@@ -27,6 +27,7 @@ import featherstone_gait as fg
 from featherstone_gait import cli, envs, identification, search, walking
 from featherstone_gait.base import arguments
 from featherstone_gait.core.integrate import INTEGRATORS
+from featherstone_gait.judge import run as judging
 from featherstone_gait.robot_file.scene_toml import TOP
 from featherstone_gait.robot_file.settings import SECTIONS
 from featherstone_gait.run import sensors
@@ -240,7 +241,7 @@ class Names(dict):
 
 
 NAMES = Names(globals())
-NAMES.update(envs=envs, identification=identification, search=search, sensors=sensors, walker=walker)
+NAMES.update(judging=judging, envs=envs, identification=identification, search=search, sensors=sensors, walker=walker)
 
 
 # ------------------------------------------------------------------------------------------ calls, and what they say
