@@ -28,6 +28,7 @@ extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_co
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 nb_execution_mode = "off"
+suppress_warnings = ["mystnb.unknown_mime_type"]  # judged statements, which stand as HTML beside it
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 4
 exclude_patterns = ["build", "**/.ipynb_checkpoints"]

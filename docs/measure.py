@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from featherstone_gait import Ground, compile_scene, load_robot
+from featherstone_gait import Ground, Reference, compile_scene, initial_state, load_robot
 from featherstone_gait.base.files import Format, complete, write_csv
 from featherstone_gait.benchmark.robots import anymal, g1
 from featherstone_gait.crosscheck import crosscheck
@@ -31,8 +31,7 @@ from featherstone_gait.crosscheck.floors import FLOORS
 from featherstone_gait.optimize import AMPLITUDE, optimize_gait, walking_cost
 from featherstone_gait.optimize.feedback import search_feedback
 from featherstone_gait.optimize.quality import TEST_WORLDS, measure_in_test_worlds
-from featherstone_gait.reproduction import solver_scatter
-from featherstone_gait.reproduction.walks import finished
+from featherstone_gait.reproduction.maximal import Engine, simulate, simulate_seeds
 from featherstone_gait.search import cma_es, run
 from featherstone_gait.walking import (
     BIOLOID_WALK,
@@ -52,6 +51,13 @@ from featherstone_gait.walking import (
 from featherstone_gait.walking.cheapest_plan import CheapestPlan, States, fit_states
 from featherstone_gait.walking.cost_in_worlds import CostInWorlds, in_worlds
 from featherstone_gait.walking.disturbed import pushes_survived, rough_field, walk_far
+from featherstone_gait.walking.gait import TICK
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "notebooks"))
+
+import posture as table_3
+import setups
+import solver_map
 
 ROOT = Path(__file__).resolve().parents[1]
 STORED = ROOT / "docs" / "reproduction"
@@ -61,6 +67,13 @@ KEPT = (
 )  # fmt: skip
 FEEDBACK = {False: "without", True: "with"}
 Row = dict[str, Any]
+
+
+def finished(result: Any) -> Any:
+    """Return the result of a search; raise KeyboardInterrupt if it was interrupted."""
+    if result.status == 2:
+        raise KeyboardInterrupt
+    return result
 
 
 @functools.cache
@@ -171,33 +184,49 @@ def pushes() -> Iterable[Row]:
 
 def solver() -> Iterable[Row]:
     """Measure the scatter of energy in the paper's kind of simulator."""
-    full, planned = solver_scatter.FULL, _plain("stride")
-    for gearbox in solver_scatter.GEARBOXES:
-        for step, sweeps, runs in ((1e-3, 10, full.runs), (2e-3, 10, full.runs), (1e-3, 0, 2)):
-            case = solver_scatter.SolverCase(gearbox, step, iterations=sweeps)
-            _, found = solver_scatter.walk(full, planned, case, runs)
+    for gearbox in ("standard", "mipsd"):
+        for step, sweeps, runs in ((1e-3, 10, 200), (2e-3, 10, 200), (1e-3, 0, 2)):
+            _, found = solver_map.swept(gearbox, step, sweeps, 1.0, runs)
             scatter = {"fell": found.fell, "cycle": found.cycle, "repeat": found.repeat, "run": found.run}
             yield {"gearbox": gearbox, "step_s": step, "sweeps": sweeps, "precision": "single", "runs": runs, **scatter}
-        nudged = {"fell": "", "cycle": "", "repeat": solver_scatter.nudge(full, planned, gearbox), "run": ""}
-        yield {"gearbox": gearbox, "step_s": 1e-3, "sweeps": 0, "precision": "double", "runs": full.nudged, **nudged}
+        nudged = {"fell": "", "cycle": "", "repeat": _nudged(gearbox), "run": ""}
+        yield {"gearbox": gearbox, "step_s": 1e-3, "sweeps": 0, "precision": "double", "runs": 6, **nudged}
+
+
+def _nudged(gearbox: str) -> float:
+    """Return how much the same cycle scatters where nothing is random and one joint starts 1e-9 rad off."""
+    cost = solver_map.walk(gearbox)
+    state, reference = cost.beginning(cost.gait.to_vector())
+    starts = state + 1e-9 * np.eye(6, len(state), cost.scene.part("q")[0])
+    how: Any = {"engine": Engine(iterations=0, single=False), "record": ("energy",), "record_interval": TICK}
+    done = [simulate(cost.scene, cost.end, start, reference, **how) for start in starts]
+    return solver_map.deviations(solver_map.energies(cost, done))[1]
 
 
 def arm() -> Iterable[Row]:
     """Measure how still the arm of seven joints stands in that simulator."""
-    full = solver_scatter.FULL
-    for link in full.links:
-        for sweeps in (10, 20, 0):
-            variance = solver_scatter.hold_arm(full, "standard", sweeps, link, 0).typical
-            yield {"link_kg": link[0], "link_m": link[1], "sweeps": sweeps, "variance_deg2": float(variance)}
+    upright = Reference([0.0], np.zeros((1, 7)))
+    for link, sweeps in itertools.product((0.1, 0.09), (10, 20, 0)):
+        scene = compile_scene(setups.arm(link), "standard", integrator="simtwo", timestep=1e-3)
+        start = initial_state(scene, 0.01 * np.random.default_rng(0).standard_normal(7))
+        how: dict[str, Any] = {"seeds": range(8 if sweeps else 1), "engine": Engine(iterations=sweeps)}
+        runs = simulate_seeds(scene, 20.0, start, upright, record=("q",), record_interval=1e-3, **how)
+        found = [np.degrees(run["q"][run["time"] >= 10.0, 0]).var() for run in runs if run.status == "ok"]
+        yield {"link_kg": link, "link_m": link, "sweeps": sweeps, "variance_deg2": float(np.median(found))}
 
 
 def posture() -> Iterable[Row]:
     """Measure how still the humanoid of Table 3 stands in that simulator."""
-    for sweeps, mass in ((10, 1.0), (20, 1.0), (50, 1.0), (10, 0.8)):
+    usual = "floating", "PI", "bioloid2.xml"
+    cases = [*itertools.product((10,), (1e-3, 2e-3), ("floating", "fixed"), table_3.LAWS, table_3.MASSES)]
+    for sweeps, step, base, law, mass in [*cases, (20, 1e-3, *usual), (50, 1e-3, *usual)]:
         for gearbox in ("standard", "mipsd"):
-            found = solver_scatter.hold_posture(solver_scatter.FULL, gearbox, sweeps, mass, 0).typical
-            names = ("left_lateral_deg", "right_front_deg", "right_lateral_deg", "elbow_deg")
-            yield {"gearbox": gearbox, "sweeps": sweeps, "mass": mass, **dict(zip(names, found))}
+            what: Any = {"sweeps": sweeps, "base": base, "law": law, "mass": mass}
+            _, angles = table_3.hold(gearbox, "bodies", step=step, runs=4, **what)
+            fell = int(np.isnan(angles[:, 0, 0]).sum())
+            numbers = ["" if math.isnan(x) else float(x) for x in table_3.measured(angles)]
+            row = {"gearbox": gearbox, "step_s": step, **what, "runs": len(angles), "fell": fell}
+            yield row | dict(zip(table_3.NUMBERS, numbers))
 
 
 def worlds() -> Iterable[Row]:
@@ -297,8 +326,19 @@ def floors() -> Iterable[Row]:
 
 
 TABLES: dict[str, Callable[[], Iterable[Row]]] = {
-    each.__name__: each for each in (
-        plans, previews, grounds, across, pushes, worlds, robots, floors, solver, arm, posture,
+    each.__name__: each
+    for each in (
+        plans,
+        previews,
+        grounds,
+        across,
+        pushes,
+        worlds,
+        robots,
+        floors,
+        solver,
+        arm,
+        posture,
     )
 }
 

@@ -1,12 +1,11 @@
-"""Run the paper's experiments, or continue them, and compare each result with the paper.
+"""Run the paper's notebooks, collect what they judge, and write the page of the paper.
 
-Writes reproduction.html, .md and .csv, and the folder reproduction_files (pictures, and finished experiments to
-continue from).
+Writes the outputs of the notebooks, docs/paper.md, and docs/reproduction/reproduction.html and .csv of the source tree.
 
-Takes some four minutes on two cores; after Ctrl-C the same command goes on.
+Takes some four minutes on two cores.
 
-  featherstone-gait reproduce servo_step arm_fall
-  featherstone-gait reproduce --full --out paper
+  featherstone-gait reproduce
+  featherstone-gait reproduce 02_arm
 """
 
 from __future__ import annotations
@@ -14,33 +13,30 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 
-from ..reproduction import EXPERIMENTS
 from .arguments import Commands, add_command, add_quiet, announce
 
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    parser = add_command(commands, run, __doc__)
-    parser.add_argument("names", metavar="NAME", nargs="*", help=f"{', '.join(EXPERIMENTS)} (default: all)")
-    parser.option("--full", "more runs and finer steps, as for docs/reproduction; takes an hour or more", False)
-    parser.option("--seed", "seed of all random numbers", 0, metavar="N")
+    where = "source tree whose notebooks run and whose pages are written (default: that of this package)"
+    parser = add_command(commands, run, __doc__, where=where)
+    parser.add_argument("names", metavar="NAME", nargs="*", help="notebooks, without ending (default: all)")
     add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
     """Run the command; return its exit code."""
-    from ..reproduction.report import expected, reproduce
+    from ..reproduction import report
 
-    minutes, size = max(expected(args.names, args.full), 1), "full" if args.full else "quick"
-    announce(args, f"about {minutes:.0f} min at {size} size on two cores, with finished experiments kept")
+    source = args.out or report.SOURCE
+    report.check(args.names, source)
+    announce(args, "about 4 min on two cores; notebooks that ran are stored")
     try:
-        entries = reproduce(args.names, args.out, full=args.full, seed=args.seed, progress=True)
-    except KeyboardInterrupt:
-        print("finished experiments are kept: the same command goes on from there", file=sys.stderr)
-        raise
-    for entry in entries:
-        print(entry.name + (f": failed: {entry.failure}" if entry.failure else ""))
-        for claim in entry.claims:
-            print(f"  {claim.item or 'own':10} {claim.word:23} {claim.claim}")
-    print(f"files: {args.out / 'reproduction.html'}, {args.out / 'reproduction.md'}")
-    return 1 if any(entry.failure for entry in entries) else 0
+        rows = report.reproduce(args.names, source, progress=not args.quiet)
+    except RuntimeError as error:
+        print("error:", error, file=sys.stderr)
+        return 1
+    for row in rows:
+        print(f"{row.verdict:13}{row.statement.place:14}{row.statement.says}\n{'':27}here: {row.ours}")
+    print(f"{report.counts(rows)}\nfiles: {source / 'docs/paper.md'}, {source / 'docs/reproduction/reproduction.html'}")
+    return 0

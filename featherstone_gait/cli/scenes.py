@@ -165,7 +165,7 @@ def at_start(scene: CompiledScene) -> Trajectory:
     from ..run.prepare import prepare
     from ..run.simulate import initial_state
 
-    tick, y = scene.tick_steps * scene.timestep, initial_state(scene)
+    tick, y = scene.tick_steps * scene.timestep, initial_state(scene, allow_limit_violation=True)
     run = prepare(scene, tick, ("q", "base_q"))
     return to_trajectory(run, y, np.tile(y[run.channels], (run.samples, 1)))
 

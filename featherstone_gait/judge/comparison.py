@@ -44,8 +44,16 @@ def compare(records: Sequence[Judgment]) -> str:
         lines.append(textwrap.fill(f"{name} on {one.servo}: {one.why()}", LINE, subsequent_indent="  "))
     for a, first in enumerate(records):
         for b, second in enumerate(records[:a]):
-            if len(first.verdicts) == len(second.verdicts) and first.robot == second.robot:
+            if _same_worlds(first, second):
                 one, other = first.verdicts == "walks", second.verdicts == "walks"
                 only = int(np.sum(one & ~other)), int(np.sum(other & ~one))
                 lines.append(f"{a + 1} walks in {only[0]} worlds in which {b + 1} does not, {b + 1} in {only[1]}")
     return "\n".join(lines)
+
+
+def _same_worlds(a: Judgment, b: Judgment) -> bool:
+    """Return whether two judgments have the same worlds; what is drawn about the numbers of a servo may differ."""
+    if (len(a.verdicts), a.robot, a.settings["seed"]) != (len(b.verdicts), b.robot, b.settings["seed"]):
+        return False
+    both = [name for name in a.factors.keys() & b.factors.keys() if "servos." not in name]
+    return all(np.array_equal(a.factors[name], b.factors[name]) for name in both)

@@ -91,7 +91,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Action:
-    """What the actions of a policy mean: reference = pose + scale * action."""
+    """Turn actions into references: reference = pose + scale * action, within bounds."""
 
     scale: float | tuple[float, ...] = 1.0  # [rad or m]
     clip: float = math.inf  # largest action
@@ -105,7 +105,7 @@ class Action:
 
 @dataclass(frozen=True)
 class PolicyDescription:
-    """What a policy observes, and what its actions mean.
+    """Describe the observation of a policy and its actions.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class PolicyDescription:
     observation : tuple of Block
         Blocks of the observation, in their order.
     action : Action
-        What its actions mean.
+        How its actions become references.
     name : str
         Where the description comes from.
     stiffness : tuple of float
@@ -211,9 +211,7 @@ def read_description(source: FilePath, metadata: Mapping[str, Any] | None = None
         later, sooner = (own, says) if packaged else (says, own)
         action = {**later.get("action", {}), **sooner.get("action", {})}
         return description_of({**later, **sooner, "action": action}, path.stem)
-    except Wrong as error:
-        raise ValueError(f"{path}: {error}") from error
-    except (ValueError, TypeError) as error:
+    except (Wrong, ValueError, TypeError) as error:
         raise ValueError(f"{path}: {error}") from error
 
 

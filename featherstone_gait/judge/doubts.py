@@ -17,7 +17,7 @@ import numpy as np
 from ..base.arguments import real
 from ..base.files import FilePath
 from ..robot_file.toml import check_keys, read_toml
-from ..run.worlds import Distribution, Worlds
+from ..run.worlds import Worlds
 from ..scene.compile import CompiledScene
 from ..study.draws import OFFSET, read_draws
 
@@ -178,6 +178,3 @@ def _factors(scene: CompiledScene, worlds: Worlds, sensing: Sensing, delay: np.n
         found |= {f"{what} {axis}": values[:, k] for k, axis in enumerate(AXES)}
     found |= {"delay": delay, "delay of the sensor": sensing.late}
     return {name: values for name, values in found.items() if np.ptp(values) > 0.0}
-
-
-__all__ = ["DEFAULT", "Distribution", "Drawn", "Numbers", "Sensing", "draw_worlds"]

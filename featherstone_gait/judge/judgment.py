@@ -42,7 +42,7 @@ LINE = 79
 
 
 class Agreement(NamedTuple):
-    """Whether half the step gives the same verdicts."""
+    """Compare the verdicts with those at half the step."""
 
     worlds: int  # that were simulated again
     same: int  # in how many of them the verdict is the same
@@ -51,7 +51,7 @@ class Agreement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Judgment:
-    """What came of a policy in many worlds.
+    """Record how a policy did in many worlds.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Judgment:
 
     @property
     def causes(self) -> list[Cause]:
-        """What differs most between worlds in which it does not walk and others, largest first; [] of too few."""
+        """Factors that differ between the worlds where it walks and the others, largest effect first; [] of too few."""
         known = self.verdicts != "unknown"
         factors = {name: values[known] for name, values in self.factors.items()}
         return causes(factors, self.verdicts[known] != "walks")

@@ -25,7 +25,7 @@ def channels_of(description: PolicyDescription) -> tuple[str, ...]:
 
 
 class Observer:
-    """What a policy sees of the robots of a session, and what it has answered before."""
+    """Make observations of the robots of a session; keeps the older ones and the last samples."""
 
     def __init__(
         self, description: PolicyDescription, scene: CompiledScene, drawn: Drawn, period: float, sample: float
@@ -47,7 +47,7 @@ class Observer:
         }  # fmt: skip
 
     def sample(self, seen: dict[str, np.ndarray]) -> None:
-        """Take note of the bases, which an inertial sensor tells late."""
+        """Keep the bases of a sample, since the inertial sensor is late."""
         self._bases = [
             *self._bases[-int(self._late.max(initial=0)) - 1 :],
             np.hstack([seen["base_q"], seen["base_qd"]]),

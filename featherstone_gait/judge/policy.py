@@ -29,7 +29,7 @@ MISSING = "policies in ONNX need onnx and onnxruntime: pip install featherstone-
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """What drives a robot, with the description of its observation and action.
+    """Map observations to actions, with the description of both.
 
     Attributes
     ----------

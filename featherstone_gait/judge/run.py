@@ -175,7 +175,7 @@ def stiffness(servo: Servo) -> float:
 
 
 class _Rolled(NamedTuple):
-    """What came of all worlds."""
+    """Results of all worlds."""
 
     fell: np.ndarray  # (n,) bool
     unsound: np.ndarray  # (n,) bool, of runs that ended otherwise than by a fall

@@ -3,10 +3,12 @@
 The paper leaves much out (masses, gains, steps, the first gait), and most answers depend on it.  So a statement is
 judged in *cases*: each is one way to choose what is left out, or one reading of a text that has two.
 
-- *holds*: it is true in every case; of a number, that each of ours is within a tenth of the paper's;
-- *contradicted*: it is false in every case that decides it, and one case decides it;
-- *open*: all else.  A number is open, never contradicted, as the paper gives the inputs of none; its row says between
-  which values ours lie, and whether the paper's is inside or outside of these.
+- *holds*: it is true in nine of ten of the cases that decide it; a number: all of ours are within a tenth of it;
+- *contradicted*: it is false in nine of ten of these;
+- *open*: all else, and where fewer than half of the cases decide.  A number is open, never contradicted, as the paper
+  gives the inputs of none; its row says between which values ours lie, and whether the paper's is inside of these.
+
+A rule of all cases would call open what is swept far enough; `counts` of the report says what it would give.
 
 `statements.toml` has the statements in the paper's order.  A notebook judges those that name it, and shows
 them as `Judged`; its stored output carries them, and `read_judged` collects them from there.
@@ -25,7 +27,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-TENTH = 0.1  # within which a number counts as the paper's
+TENTH = 0.1  # within which a number counts as the paper's; share of the cases that may differ
 MIME = "application/vnd.featherstone-gait.statements+json"
 Verdict = Literal["holds", "contradicted", "open"]
 COLORS: dict[Verdict, str] = {"holds": "#0072b2", "contradicted": "#d55e00", "open": "#b8860b"}
@@ -48,6 +50,8 @@ class Statement:
         What the paper prints; empty if the statement has no number.
     unit : str
         Of the numbers.
+    printed : str
+        The numbers with the paper's unit, if they are read in another; empty if not.
     """
 
     key: str
@@ -57,11 +61,13 @@ class Statement:
     notebook: str
     numbers: tuple[float, ...] = ()
     unit: str = ""
+    printed: str = ""
 
     @property
     def paper(self) -> str:
-        """The paper's numbers with their unit; "no number" if it prints none."""
-        return f"{', '.join(f'{x:g}' for x in self.numbers)} {self.unit}" if self.numbers else "no number"
+        """The paper's numbers as it prints them, with their unit; "no number" if it prints none."""
+        numbers = f"{', '.join(f'{x:g}' for x in self.numbers)} {self.unit}" if self.numbers else "no number"
+        return self.printed or numbers
 
 
 def _statement(key: str, row: Mapping[str, Any]) -> Statement:
@@ -166,11 +172,12 @@ def _plain(value: float | list[float]) -> Any:
 
 
 def _of_truths(cases: list[bool | None]) -> tuple[Verdict, str]:
-    true, false = cases.count(True), cases.count(False)
-    ours = f"true in {true} of {len(cases)} cases" + (f", undecided in {len(cases) - true - false}" * (None in cases))
-    if true == len(cases):
-        return "holds", ours
-    return ("contradicted" if false and not true else "open"), ours
+    true, decided = cases.count(True), len(cases) - cases.count(None)
+    undecided = f"undecided in {len(cases) - decided}" if None in cases else ""
+    ours = ", ".join(filter(None, (f"true in {true} of {decided} cases" if decided else "", undecided)))
+    if 2 * decided < len(cases) or TENTH * decided < true < (1.0 - TENTH) * decided:
+        return "open", ours
+    return ("holds" if 2 * true > decided else "contradicted"), ours
 
 
 def _of_numbers(statement: Statement, cases: list[list[float]]) -> tuple[Verdict, str]:
@@ -180,7 +187,7 @@ def _of_numbers(statement: Statement, cases: list[list[float]]) -> tuple[Verdict
         if not finite:
             return "open", f"in none of {len(cases)} cases a number"
         low, high = min(finite), max(finite)
-        spans.append(f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}")
+        spans.append(_short(low) if low == high else f"{_short(low)} to {_short(high)}")
         inside.append(low <= paper <= high)
         close.append(len(finite) == len(ours) and all(abs(x - paper) <= TENTH * abs(paper) for x in ours))
     ours_text = f"{'; '.join(spans)} {statement.unit}"
@@ -188,6 +195,11 @@ def _of_numbers(statement: Statement, cases: list[list[float]]) -> tuple[Verdict
         return "holds", ours_text
     where = "inside" if all(inside) else "outside" if not any(inside) else f"{sum(inside)} of {len(inside)} inside"
     return "open", f"{ours_text}: the paper's {where}"
+
+
+def _short(x: float) -> str:
+    """Return a number with three digits, or all before the point."""
+    return f"{x:.0f}" if abs(x) >= 1000 else f"{x:.3g}"
 
 
 class Judged:
@@ -252,7 +264,7 @@ def _shown(case: Any) -> str:
         return "true" if case else "false"
     if isinstance(case, list):
         return ", ".join(_shown(x) for x in case)
-    return f"{case:.3g}"
+    return _short(case)
 
 
 def read_judged(notebook: Path) -> list[Row]:

@@ -23,7 +23,7 @@ from .source import read_bytes
 Vector = tuple[float, float, float]
 
 SIMILAR = 0.8  # from here on a name is taken for a misspelled one (difflib's ratio)
-MAX_DEPTH = 64  # of nested elements
+MAX_DEPTH = 256  # of nested elements; one a link of a chain in MJCF
 MAX_NUMBER = 1e30  # in a robot file, so that no product of masses and lengths overflows
 DECLARATION = re.compile(rb"<\?xml\s[^<>]*\?>")
 PREFIX = re.compile(rb"[</\s]([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*[\s=/>]")

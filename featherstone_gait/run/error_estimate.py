@@ -88,7 +88,12 @@ def second_run(
     if scene.method.drives or scene.by_hand:
         return None
     if edges == 0:
-        return SecondRun(*_with_error_control(scene))
+        other, rtol, atol = _with_error_control(scene)
+        wide = _softer(other)
+        return SecondRun(other if wide is None else wide, rtol, atol)
+    wide = _softer(_with_step(scene, 0.5)) if scene.method.soft else None
+    if wide is not None:
+        return SecondRun(wide, share=OF_ROOT)  # where friction chatters, too
     every, tick, delay = steps_between_records(scene, record_interval), scene.tick_steps, scene.constants.firmware.delay
     if edges == 2 and every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
         coarse = _with_step(scene, 2.0)
@@ -128,6 +133,12 @@ def edges_on_steps(
 def _with_coarser_tolerance(scene: CompiledScene) -> CompiledScene:
     """Return the scene whose integrator takes its steps as a second run; one object, for it remembers its layout."""
     other = replace(scene, method=scene.method._replace(second_run=True))
+    wide = _softer(other)
+    return other if wide is None else wide
+
+
+def _softer(scene: CompiledScene) -> CompiledScene | None:
+    """Return the scene with twice as wide dry friction about rest, None unless explicit steps widen it."""
     wide: dict[str, Any] = {}
     if scene.method.soft:
         found = widened(scene.constants.friction, scene.model, scene.gearbox is not None, 2.0)
@@ -138,9 +149,9 @@ def _with_coarser_tolerance(scene: CompiledScene) -> CompiledScene:
             rubs["steepness"] /= 2.0
             wide["tendons"] = along._replace(friction=rubs)
     if not wide:
-        return other
+        return None
     constants, compiled = (one._replace(**wide) for one in (scene.constants, scene.compiled))
-    return replace(other, constants=constants, compiled=compiled)
+    return replace(scene, constants=constants, compiled=compiled)
 
 
 @functools.lru_cache(maxsize=16)

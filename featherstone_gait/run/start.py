@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -61,7 +62,8 @@ def initial_state(
         Positions (nq,) [m, -, rad].  None: joints as in the keyframe "qpos0", which MJCF with `ref` has, else zero,
         with coupled joints where their leaders put them; a floating robot over ground stands with its lowest contact
         point at the ground's `penetration`, or is where loops to the world hold it.  Of a scene of several robots and
-        objects a dictionary, by name; each that is not named is at its place.
+        objects a dictionary, by name; each that is not named is at its place.  Where this default is beyond limits,
+        a warning names the joints.
     qd
         Velocities (nv,) [m/s, rad/s], or a dictionary of such.  None: zero.
     allow_limit_violation
@@ -88,8 +90,14 @@ def initial_state(
     y = np.zeros(o["length"])
     y[o["step_control"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
     default = _default(model, scene, names if q is None else None, stands=q is None)
-    if q is not None and not allow_limit_violation:
-        _check_limits(scene, model.single_positions(vector("q", q, model.nq)))
+    if not allow_limit_violation:
+        beyond = _beyond_limits(model, default if q is None else vector("q", q, model.nq))
+        if beyond and q is not None:
+            raise ValueError(f"{model.name}: {beyond[0]}; start it between them, or pass allow_limit_violation=True")
+        if beyond:
+            remedy = "give q, such as nearest_posture(model), or allow_limit_violation=True"
+            text = f"{model.name}: {', '.join(beyond)} at the start, and thrown back by its stop: {remedy}"
+            warnings.warn(text, stacklevel=2)
     q = vector("q", default if q is None else q, model.nq)
     qd = vector("qd", np.zeros(model.nv) if qd is None else qd, model.nv)
     check_quaternion(scene, q[3:7], SHORTEST, LONGEST)
@@ -362,14 +370,17 @@ def _check_closed(scene: CompiledScene, y: np.ndarray) -> None:
             )
 
 
-def _check_limits(scene: CompiledScene, joints: np.ndarray) -> None:
-    """Raise ValueError for a joint (n,) [rad or m] that starts far beyond its limits."""
-    for joint, position in zip(scene.model.moving_joints, joints.tolist()):
-        if not joint.lower - OVERSHOOT <= position <= joint.upper + OVERSHOOT:
-            raise ValueError(
-                f"{scene.model.name}: joint {joint.name!r} is at {position:.6g} rad or m, beyond its limits "
-                f"{joint.lower:.6g} to {joint.upper:.6g}; start it between them, or pass allow_limit_violation=True"
-            )
+def _beyond_limits(model: Model, q: np.ndarray) -> list[str]:
+    """Say of each joint that is far beyond its limits at positions (nq,) [rad or m] where it is."""
+    at = list(zip(model.moving_joints, model.single_positions(q).tolist()))
+    for ball, dof in zip((joint for joint in model.joints if joint.name in model.ball_names), model.balls):
+        turn = q[model.position_slices[dof]]
+        at.append((ball, 2.0 * math.atan2(float(np.linalg.norm(turn[1:])), abs(float(turn[0])))))
+    return [
+        f"joint {joint.name!r} is at {position:.6g} rad or m, beyond its limits {joint.lower:.6g} to {joint.upper:.6g}"
+        for joint, position in at
+        if not joint.lower - OVERSHOOT <= position <= joint.upper + OVERSHOOT
+    ]
 
 
 def checked_state(scene: CompiledScene, state: ArrayLike | Trajectory) -> np.ndarray:

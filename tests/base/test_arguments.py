@@ -17,6 +17,8 @@ from featherstone_gait import (
     Gearbox,
     Ground,
     Joint,
+    Link,
+    Model,
     Reference,
     Servo,
     Session,
@@ -28,6 +30,7 @@ from featherstone_gait import (
     inverse_kinematics,
     load_robot,
     load_servo,
+    nearest_posture,
     plot_motion,
     simulate,
     standing_state,
@@ -133,6 +136,18 @@ def test_a_start_beyond_the_limits_is_refused_unless_asked_for():
     ):
         initial_state(scene, [upper + 0.1])
     assert initial_state(scene, [upper + 0.1], allow_limit_violation=True)[0] == upper + 0.1
+
+
+def test_a_start_that_nobody_chose_warns_beyond_the_limits():
+    links = (Link("base"), Link("bob", 1.0, (0.1, 0.0, 0.0), (0.01, 0, 0, 0.01, 0, 0.01)))
+    knee = Joint("knee", "revolute", "base", "bob", axis=(0.0, 1.0, 0.0), lower=-2.7, upper=-0.9)
+    scene = compile_scene(Model("leg", links, (knee,)))
+    with pytest.warns(UserWarning, match=r"leg: joint 'knee' is at 0 .* limits -2.7 to -0.9 at the start, and thrown"):
+        initial_state(scene)
+    initial_state(scene, nearest_posture(scene.model))
+    ball = compile_scene(Model("arm", links, (Joint("hip", "ball", "base", "bob", upper=0.5),)))
+    with pytest.raises(ValueError, match=r"arm: joint 'hip' is at 1 .* -inf to 0.5; start it between them"):
+        initial_state(ball, [math.cos(0.5), 0.0, math.sin(0.5), 0.0])
 
 
 def test_a_robot_stands_beyond_its_limits_if_asked_to():

@@ -281,7 +281,7 @@ def test_what_is_mistyped_gets_one_line_and_what_was_meant(command, said, capsys
         ("optimize --iterations -1", "iterations"),
         ("optimize --worlds -1", "worlds"),
         ("identify nowhere.csv --servo xl330", "nowhere.csv"),
-        ("reproduce servo_stp", "servo_stp"),
+        ("reproduce 02_amr", "02_amr"),
         ("crosscheck {robots}/humanoid/optimized_gait.npz --floors ice", "floors is 'ice'"),
         ("crosscheck {robots}/humanoid/optimized_gait.npz --soles flat", "soles is 'flat'"),
         ("view nowhere.npz", "nowhere.npz: there is no such file"),

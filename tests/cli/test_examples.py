@@ -15,6 +15,7 @@ from test_scenes import FILE
 from featherstone_gait import cli
 from featherstone_gait.benchmark import precision, speed
 from featherstone_gait.crosscheck import FLOORS
+from featherstone_gait.reproduction import report
 from featherstone_gait.robot_file.source import robots_folder
 from featherstone_gait.view import live
 
@@ -24,7 +25,6 @@ SMALLER = {
     "judge": "--worlds 8 --seconds 0.5",
     "simulate": "--duration 0.2",
     "drive": "--duration 0.2 --port 8391",
-    "reproduce": "servo_step",
     "warm-up": "my_program.py --only",
 }
 SERVED = "tcp://"  # a scheduler of dask
@@ -77,7 +77,7 @@ def files_of(line, folder):
 @pytest.mark.quick("info_humanoid", "servos", "servos_ax12*", "export_*", "view_humanoid", "view_dog*", "info_my_*")
 @pytest.mark.parametrize("line", [pytest.param(each, id=each.replace(" ", "_")) for each in examples()])
 def test_an_example_runs(line, folder, monkeypatch, tmp_path):
-    """Benchmarks, which have no smaller size, are called alone; a page is served and left; two floors stand for all."""
+    """Benchmarks and notebooks are called alone; a page is served and left; two floors stand for all."""
     monkeypatch.chdir(folder)
     files_of(line, folder)
     monkeypatch.setattr(live.Live, "wait", lambda self: self.stop())
@@ -87,6 +87,8 @@ def test_an_example_runs(line, folder, monkeypatch, tmp_path):
             monkeypatch.delitem(FLOORS, name)
     for module in (speed, precision):
         monkeypatch.setattr(module, "run", lambda out, full: None)
+    monkeypatch.setattr(report, "reproduce", lambda names, source, progress: [])
+    monkeypatch.setattr(report, "check", lambda names, source: source)
     with ExitStack() as stack:
         if SERVED in line:
             cluster = stack.enter_context(
@@ -98,9 +100,7 @@ def test_an_example_runs(line, folder, monkeypatch, tmp_path):
         found = (sorted(map(str, Path().glob(word))) if "*" in word else [word] for word in line.split())
         words = [name for names in found for name in names]
         smaller = SMALLER.get(words[0], "").split()
-        if words[0] == "reproduce" and "--full" not in words:
-            words, smaller = words[:1], ["servo_step"]
-        elif (words[0] == "crosscheck" and "--floors" in words) or words[-1] == "--only":
+        if (words[0] == "crosscheck" and "--floors" in words) or words[-1] == "--only":
             smaller = []
         out = [] if "--out" in words else ["--out", str(tmp_path)]
         assert cli.main([*words, *smaller, *out]) == 0

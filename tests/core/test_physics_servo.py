@@ -9,6 +9,7 @@ import pytest
 from featherstone_gait.core.effects import energies
 from featherstone_gait.core.effects.mipsd_servo import MipsdServo
 from featherstone_gait.dynamics import energy
+from featherstone_gait.identification import MOTOR_OFF, changed
 from featherstone_gait.robot_file import gearbox_presets, load_robot, load_servo
 from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import initial_state, simulate
@@ -186,6 +187,38 @@ def test_physical_gearbox_winds_up_by_load_over_stiffness():
     run = simulate(scene, 3.0, reference=hold(1.0), record=("q", "rotor", "torque"))
     assert run["rotor"][-1, 0] - run["q"][-1, 0] == pytest.approx(run["torque"][-1, 0] / 25.0, rel=1e-6)
     assert abs(run["torque"][-1, 0]) > 0.01
+
+
+def test_a_rotors_damper_brakes_g_squared_as_strongly():
+    """As one at the output, but for the gearbox between; and Table 2's number there would hold an arm for hours."""
+    arm, count = changed(load_robot("ax12_arm"), **MOTOR_OFF), math.radians(300 / 1023)
+    (servo,) = arm.servos.values()
+    B, G = servo.viscous_friction, servo.gearbox.ratio
+
+    def fallen(viscous_friction, rotor_damping):
+        model = changed(arm, viscous_friction=viscous_friction, rotor_damping=rotor_damping)
+        scene = compile_scene(model, "mipsd", integrator="implicit_euler", timestep=5e-4)
+        return simulate(scene, 2.0, initial_state(scene, [0.5 * math.pi]), hold(0.0), estimate_error=False)["q"]
+
+    output = fallen(B, 0.0)
+    assert 0.0 < np.abs(fallen(0.0, B / G**2) - output).max() < count
+    assert output.min() < 0.0
+    assert math.degrees(np.ptp(fallen(0.0, B))) < 0.2
+
+
+def test_the_speed_error_damps_until_filter_and_ticks_let_it_rattle():
+    """Overshoots of a step of 60 degrees, and its last fifth of a second."""
+    arm, goal, count = load_robot("ax12_arm"), math.radians(60.0), math.radians(300 / 1023)
+
+    def step(Kd):
+        scene = compile_scene(changed(arm, Kd=Kd), "mipsd", integrator="implicit_euler", timestep=5e-4)
+        return simulate(scene, 1.0, reference=hold(goal), record_interval=5e-4, estimate_error=False)["q"][:, 0]
+
+    none, some, quiet, rattling = map(step, (0.0, 0.5, 4.0, 8.0))
+    assert none.max() > 1.02 * goal
+    assert some.max() - goal < 0.2 * (none.max() - goal)
+    last = -len(none) // 5
+    assert np.ptp(rattling[last:]) > count > np.ptp(quiet[last:])
 
 
 # --- energy ------------------------------------------------------------------------------------------------------

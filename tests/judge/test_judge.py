@@ -130,7 +130,7 @@ def test_worlds_that_are_looked_at_again_are_the_same_and_fill_a_page(walked, tm
 
 
 def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked):
-    """Of three unknown worlds of 16 the interval begins as if none walked, and ends as if all did."""
+    """The interval spans both cases: that none of three unknown worlds walks, and that all do."""
     verdicts = np.array(["walks"] * 10 + ["falls"] * 3 + ["unknown"] * 3)
     found = replace(walked, verdicts=verdicts, unsound="too deep")
     assert (found.walking, found.unknown, found.share) == (10, 3, 10 / 13)
@@ -150,6 +150,8 @@ def test_two_judgments_are_compared_in_the_same_worlds(walked, scene):
     only = int(((walked.verdicts == "walks") & (still.verdicts != "walks")).sum())
     assert f"1 in {only}" in text
     assert max(map(len, text.splitlines())) <= 79
+    others = replace(still, settings=still.settings | {"seed": still.settings["seed"] + 1})
+    assert "in which" not in compare([walked, others])  # of another seed no world is the same
     with pytest.raises(ValueError, match="records has 1; give two"):
         compare([walked])
 
@@ -176,7 +178,7 @@ def test_an_inertial_sensor_tells_what_was_a_delay_ago(scene):
 
 
 def test_references_arrive_late_and_those_that_are_lost_not_at_all(scene):
-    """What the servos get at a sample is what was sent a delay before, but for lost ones; some move at most so fast."""
+    """The servos get the action sent one delay earlier; a lost one is skipped; references move at most so fast."""
     policy = leaning(scene, lambda x: x[:, :10])
     drawn = draw_worlds(scene, 4, 0, {"worlds": {"reference": {"offset": {"kind": "uniform", "scale": 0.01}}}})
     drawn = drawn._replace(delay=np.array([0.0, 0.01, 0.03, 0.05]))  # 0, 1, 3 and 5 samples

@@ -441,7 +441,7 @@ def is_told(before, now, word, tags):
     return (word in told if word else now != before) or named
 
 
-@pytest.mark.quick("urdf*", "simtwo Ball", "simtwo cylinder")
+@pytest.mark.quick("urdf", "urdf floating", "simtwo imu")
 @pytest.mark.parametrize("case", XML)
 def test_each_part_of_urdf_and_simtwo_is_read_or_named(case, tmp_path):
     load, text, where = XML[case]
@@ -801,7 +801,7 @@ TOML = {
 }
 
 
-@pytest.mark.quick("servo", "scene")
+@pytest.mark.quick("servo")
 @pytest.mark.parametrize("case", TOML)
 def test_each_key_of_toml_is_read_or_refused(case, tmp_path):
     load, text, name = TOML[case]

@@ -121,6 +121,19 @@ def test_a_run_begins_at_the_references_of_joints(tmp_path, load):
     np.testing.assert_array_equal(again.state_view(initial_state(again)).q, m.qpos0)
 
 
+@pytest.mark.parametrize("what", ["cutoff", "noise", "delay", "interval"])
+def test_what_else_sensors_have_is_named(tmp_path, what):
+    if what in ("delay", "interval") and not hasattr(mujoco.MjModel, f"sensor_{what}"):
+        pytest.skip(f"MuJoCo {mujoco.__version__} has no {what} of sensors to read: version 4 has")
+    more = f'<sensor><force name="f" site="s" nsample="2" {what}=".02"/><force name="g" site="s"/></sensor>'
+    more = more if what in ("delay", "interval") else more.replace(' nsample="2"', "")
+    body = '<body name="w"><joint/><geom size=".1"/><site name="s"/></body>'
+    notes = load_robot(put(tmp_path, body, more)).notes
+    assert [note.partition(":")[0] for note in notes if note.startswith("ignored")] == [
+        f"ignored {what} of sensors 'f'"
+    ]
+
+
 def test_what_else_keyframes_have_is_named(tmp_path):
     hand = f'<body name="hand" mocap="true" pos="1 0 0"/>{ARM.format("")}'
     keys = (

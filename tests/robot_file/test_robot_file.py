@@ -172,10 +172,10 @@ MALFORMED_URDF = [
     pytest.param(BOMB, ["<!DOCTYPE", "entities", "remove"], id="entity_bomb"),
     pytest.param(EXTERNAL, ["<!DOCTYPE", "entities", "remove"], id="external_entity"),
     pytest.param("<!DOCTYPE robot>" + URDF[22:], ["<!DOCTYPE", "remove"], id="doctype"),
-    pytest.param("<a>" * 200_000 + "</a>" * 200_000, ["<a>", "64 elements deep", "flatten"], id="nested_200000_deep"),
+    pytest.param("<a>" * 200_000 + "</a>" * 200_000, ["<a>", "256 elements deep", "flatten"], id="nested_200000_deep"),
     pytest.param(
-        URDF.replace("</robot>", "<gazebo>" * 70 + "</gazebo>" * 70 + "</robot>"),
-        ["<gazebo>", "64", "flatten"],
+        URDF.replace("</robot>", "<gazebo>" * 300 + "</gazebo>" * 300 + "</robot>"),
+        ["<gazebo>", "256", "flatten"],
         id="nested_in_skipped_element",
     ),
     pytest.param(URDF + " " * MAX_BYTES, ["larger than 10000000 bytes", "reduce"], id="huge_file"),

@@ -427,6 +427,21 @@ def test_a_saved_scene_moves_and_touches_as_before(tmp_path):
     assert_moves_as_in_mujoco(tmp_path / "saved.xml", scene)
 
 
+def test_a_long_tail_with_tendons_comes_back_by_its_names(tmp_path):
+    n = 80
+    inside = "".join(
+        f'<body pos=".1 0 0"><joint name="j{k}" axis="0 1 0"/><geom size=".01"/><site name="s{k}"/>' for k in range(n)
+    )
+    tendon = '<spatial name="string" stiffness="3"><site site="s0"/><site site="s79"/></spatial>'
+    text = f"<mujoco><worldbody>{inside}{'</body>' * n}</worldbody><tendon>{tendon}</tendon></mujoco>"
+    scene = quiet(written(tmp_path, text))
+    for _ in range(2):
+        save_scene(scene, tmp_path / "saved.xml")
+        scene = quiet(tmp_path / "saved.xml")
+    assert [tendon.name for tendon in scene.members[0].model.tendons] == ["string"]
+    assert len(scene.members[0].model.joint_names) == n
+
+
 def test_a_scene_of_toml_is_saved_as_mjcf(tmp_path):
     scene = load_scene(written(tmp_path, TOML, "kitchen.toml"))
     save_scene(scene, tmp_path / "saved.xml")

@@ -50,10 +50,10 @@ def in_company(model, integrator, timestep, **how):
 
 
 def begun(scene, q=None, qd=None):
-    """Return the state in which the robot has these positions and velocities."""
+    """Return the state in which the robot has these positions and velocities, within its limits or beyond."""
     q = np.zeros(scene.model.nq - len(AT_REST)) if q is None else q
     qd = np.zeros(scene.model.nv - JOINTS) if qd is None else qd
-    return initial_state(scene, [*q, *AT_REST], [*qd, *np.zeros(JOINTS)])
+    return initial_state(scene, [*q, *AT_REST], [*qd, *np.zeros(JOINTS)], allow_limit_violation=True)
 
 
 def simulated(scene, duration, q=None, qd=None, reference=None, tau=None, **how):

@@ -37,7 +37,7 @@ def pose_of(found):
 
 
 def answers(found, robot, seen):
-    """What the network is fitted to (n, 14), of observations (n, 11)."""
+    """Return the actions (n, 14) to which the network is fitted, for observations (n, 11)."""
     gait = found[max(found)]
     times = np.arctan2(seen[:, 1], seen[:, 0]) / (2.0 * np.pi) * gait.period
     speeds = np.array([*found])

@@ -1,4 +1,4 @@
-"""Figures: what their lines are, what is told at their ends, and figures to the digit that means something."""
+"""Figures: what their lines are, and what is told at their ends."""
 
 from dataclasses import replace
 
@@ -12,7 +12,6 @@ from nbclient import NotebookClient
 from pages import fallen, humanoid, walking
 
 from featherstone_gait import Trajectory, load_robot, plot, show
-from featherstone_gait.reproduction.claim import plus_minus
 from featherstone_gait.view.style import COLORS, spread
 
 matplotlib.use("Agg")
@@ -120,11 +119,6 @@ def test_labels_move_no_farther_than_they_must():
         assert np.diff(places).min() >= min(0.1, 1.0 / (n - 1)) - 1e-12
         assert places.min() >= -1e-12
         assert places.max() <= 1.0 + 1e-12
-
-
-def test_a_claim_has_no_error_smaller_than_its_digits():
-    assert plus_minus(-0.135, -0.135 + 3e-13, ".3f") == "-0.135"
-    assert plus_minus(-0.135, -0.131, ".3f") == "-0.135 ± 0.004"
 
 
 @pytest.mark.parametrize(

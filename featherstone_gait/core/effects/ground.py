@@ -209,6 +209,25 @@ def _over_field(ground, x):
     return over * n[2]
 
 
+@by_type
+def narrowest(ground):
+    """Return the width of the narrowest that the ground has [m]: between steps, or of a cell."""
+
+
+@narrowest.of(Plane)
+def _between_steps(ground):
+    width = 1e300
+    for k in range(1, len(ground.steps)):
+        width = min(width, ground.steps[k].start - ground.steps[k - 1].start)
+    return width
+
+
+@narrowest.of(Field)
+def _of_cells(ground):
+    cells = ground.grid[0].cells
+    return 1.0 / max(cells[0], cells[1])
+
+
 @entry
 def facets(field, points, out):
     """Fill out (k, 7): normal, first tangent and height over the field of each point (k, 3)."""

@@ -32,6 +32,7 @@ from ..step.pool import longest_step, renew_pool
 from ..step.program import writes_torques
 from ..step.signals import next_knot, time_of
 from ..step.sweep import first_contact, keep_start, take_back
+from ..step.terrain import longest_over
 from ..tree.coupling import follow
 from .integrator import (
     begin_interval,
@@ -143,6 +144,7 @@ def _cross(run, y, k, end, most, out):
         if longest < 0.0:
             y[run.offsets[0].status] = FULL
             return True
+        longest = min(longest, longest_over(run.scene.contact, run, y, until - done, 4.0 * plan.least_step))
         keep_start(run.scene.pairs, run, y)
         h = take_adaptive_step(run.work, run, y, t + done, min(longest, until - done))
         follow(run.scene.coupling, run.offsets[0], y)

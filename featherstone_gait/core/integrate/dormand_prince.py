@@ -15,7 +15,6 @@ from ..compile.lanes import sqrt
 from ..compile.optional import if_present
 from ..compile.structure import structure
 from ..effects.actuator import motor_of
-from ..effects.contact import DEPTH, U0
 from ..effects.energies import ENERGIES, METER
 from ..effects.pair import flatten_bristles
 from ..step.closure import project
@@ -25,7 +24,6 @@ from ..step.pace import EVALUATIONS, LAST, REJECTED, SINCE, SIZE, STEP, STEPS, U
 from ..step.signals import inputs, time_of
 from ..tree.ball import unit_balls
 from ..tree.coupling import follow
-from ..tree.forest import base_count, joint_count
 from ..tree.kinematics import unit_quaternions
 from .integrator import (
     Integrator,
@@ -51,10 +49,6 @@ COEFFICIENTS = 19  # 4: of the interpolation
 ROWS = 23
 SAFETY, LEAST, MOST = 0.8, 0.333, 6.0  # of the step's factor
 BETA = 0.04  # share of the last error in it
-NEVER = 2.0  # a share of the step that is none
-TURN = 0.5  # [rad] of a joint or base in a step, over which the height of a contact point is nearly a cubic
-LOOKED_AT = 16  # places within a step at which it is looked at
-INSIDE = 0.1  # of the way from where a point meets the ground to where it is deepest: where a step ends instead
 
 
 @structure
@@ -64,7 +58,6 @@ class DormandPrince(NamedTuple):
     scratch: Scratch
     stages: np.ndarray  # (ROWS, length up to the watched part)
     pace: np.ndarray  # (SIZE,)
-    heights: np.ndarray | None  # (4, points) depth [m] and velocity [m/s] of contact points, before and after a step
 
 
 @apart
@@ -114,7 +107,6 @@ def _renew(run, y, t):
     _evaluate(SPARE, SPARE, run, y, t, 0.0)
     for i in range(run.offsets[0].after_integrated):
         run.work.stages[END, i] = run.work.stages[SPARE, i]
-    _note_heights(run.work.heights, 2, run)
 
 
 @if_present()
@@ -135,15 +127,11 @@ def dop853(work, run, y, t, length):
     for i in range(n):
         start[i] = y[i]
         stages[0, i] = stages[END, i]
-    _begin_heights(work.heights)
     while True:
-        longest = min(_longest(run.plan.second_run, pace), _slow_turn(work.heights, run, start))
-        h = in_time(min(pace[STEP], longest), length)
+        h = in_time(min(pace[STEP], _longest(run.plan.second_run, pace)), length)
         _evaluate(1, END, run, y, t, h)
         error = max(h * _error(run, start, y), _left_open(run.scene.loops, run, y))
-        _note_heights(work.heights, 2, run)
-        dip = _first_dip(work.heights, h)
-        if error <= 1.0 and (dip > 1.0 or dip * h <= run.plan.least_step):
+        if error <= 1.0:
             pace[STEPS] += 1.0
             factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (0.125 - 0.2 * BETA))
             factor = max(LEAST, min(1.0 if rejected else MOST, factor))
@@ -153,71 +141,11 @@ def dop853(work, run, y, t, length):
             return h
         rejected = True
         pace[REJECTED] += 1.0
-        pace[STEP] = h * (dip if error <= 1.0 else max(LEAST, min(1.0, SAFETY / root(error, 8))))
+        pace[STEP] = h * max(LEAST, min(1.0, SAFETY / root(error, 8)))
         if not pace[STEP] > run.plan.least_step:
             for i in range(n):
                 y[i] = start[i]
             return 0.0
-
-
-@if_present()
-def _note_heights(heights, row, run):
-    """Fill depth and normal velocity of all contact points, as the last evaluation found them."""
-    C = run.work.scratch.C
-    for c in range(heights.shape[1]):
-        heights[row, c], heights[row + 1, c] = C[c, DEPTH], C[c, U0]
-
-
-@if_present()
-def _begin_heights(heights):
-    """Let what was the end of a step be the start of the next one."""
-    for c in range(heights.shape[1]):
-        heights[0, c], heights[1, c] = heights[2, c], heights[3, c]
-
-
-@if_present(1e300)
-def _slow_turn(heights, run, start):
-    """Return how long a step may be [s] in which nothing turns by more than `TURN`."""
-    o, fastest = run.offsets[0], 1e-300
-    for i in range(joint_count(run.scene.trees, run.scene.tree)):
-        fastest = max(fastest, abs(start[o.qd + i]))
-    return min(TURN / max(fastest, _fastest_base(run.scene.floating, run, start)), 1e300)
-
-
-@if_present(0.0)
-def _fastest_base(floating, run, start):
-    """Return the largest angular velocity of a base about an axis [rad/s]."""
-    fastest = 0.0
-    for k in range(base_count(run.scene.trees)):
-        for i in range(3, 6):
-            fastest = max(fastest, abs(start[run.offsets[0].base_qd + 6 * k + i]))
-    return fastest
-
-
-@if_present(NEVER)
-def _first_dip(heights, h):
-    """Return at which share of a step h [s] a contact point dips into the ground and out again; more than 1: at none.
-
-    A stage that finds it there feels it; between stages nothing does.  A point that touches at an end may be as deep
-    again within.
-    """
-    first = NEVER
-    for c in range(heights.shape[1]):
-        a, b = -heights[0, c], -heights[2, c]
-        if heights[1, c] < 0.0 and heights[3, c] > 0.0:
-            least = 2.0 * min(0.0, a, b)
-            p, q, met, lowest, deepest = h * heights[1, c], h * heights[3, c], NEVER, 0.0, least
-            for k in range(1, LOOKED_AT):
-                s = k / LOOKED_AT
-                r = 1.0 - s
-                gap = a + s * (b - a) + s * r * (r * (p - b + a) - s * (q - b + a))
-                if gap < least and met > 1.0:
-                    met = s - 1.0 / LOOKED_AT
-                if gap < deepest:
-                    lowest, deepest = s, gap
-            if met < 1.0:
-                first = min(first, met + INSIDE * (lowest - met))
-    return first
 
 
 @if_present(0.0)
@@ -319,7 +247,7 @@ def _error(run, start, y):
 
 def _workspace(sizes, zeros):
     stages = zeros((ROWS, int(sizes.offsets["after_derived"])))
-    return DormandPrince(scratch(sizes, zeros), stages, zeros(SIZE), zeros((4, sizes.points)) if sizes.points else None)
+    return DormandPrince(scratch(sizes, zeros), stages, zeros(SIZE))
 
 
 DOP853 = Integrator("dop853", 8, _workspace, adaptive=True, rtol=1e-7, soft=True)

@@ -46,6 +46,7 @@ from ..step.depth import TOO_DEEP, too_deep, watch_depth
 from ..step.derivative import derivative
 from ..step.pace import COLUMNS, EVALUATIONS, REJECTED, SINCE, SIZE, STEP, STEPS, UNTIL, in_time, meters, root, scaled
 from ..step.signals import evaluate
+from ..step.terrain import last_stage
 from ..tree.ball import unit_balls
 from ..tree.forest import base_count, joint_count
 from ..tree.kinematics import unit_quaternions
@@ -212,6 +213,9 @@ def _ends_elsewhere(implicit, run, h):
         return False
     ladder.discontinuity[BEFORE] = 1.0
     return True
+
+
+last_stage.of(Ladder)(lambda work: (work.columns.W, work.columns.C))
 
 
 @watch_depth.of(Ladder)

@@ -4,7 +4,7 @@
 """
 
 from ...core.compile.jit import add_sources
-from .engine import EXACT, Engine
+from .layout import EXACT, Engine
 from .run import simulate, simulate_seeds
 
 add_sources(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Free bodies: where they are, what they carry, how they move on (semi-implicit Euler)."""
+"""Free bodies: where they are, what they carry, how they move on (semi-implicit Euler), and the angles of joints."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ...core.compile.elementary import sincos
+from ...core.compile.elementary import PI, sincos
 from ...core.compile.jit import inline, kernel
 from ...core.compile.lanes import sqrt
-from ...core.tree.kinematics import quaternion_matrix
+from ...core.tree.kinematics import quaternion_matrix, unit_quaternion
 from ...core.tree.spatial import (
     add,
     compose,
@@ -27,9 +27,9 @@ from ...core.tree.spatial import (
     sub,
     symmetric,
 )
-from .layout import FORCE, INVERSE, MOMENT, PLACE, SPEED, SPIN, TURN, UNIVERSAL, WELD, R
+from .layout import FORCE, INVERSE, MOMENT, PLACE, SPEED, SPIN, TURN, R
 
-PI = 3.141592653589793
+DAMPED = 0.01  # speed from which on damping acts [m/s and rad/s], ODE's default
 
 
 @inline
@@ -40,45 +40,34 @@ def kept(x: float, single: int) -> float:
     return x
 
 
-@inline
-def _keep3(X: np.ndarray, i: int, k: int, a: Any, single: int) -> None:
-    X[i, k] = kept(a[0], single)
-    X[i, k + 1] = kept(a[1], single)
-    X[i, k + 2] = kept(a[2], single)
-
-
 @kernel
 def refresh(w: Any, x: Any) -> None:
     """Update the rotations and inverse inertias of the bodies."""
     X = x.X
     for i in range(len(w.bodies)):
-        b = w.bodies[i]
         E = quaternion_matrix(X[i])  # whose quaternion stands behind a place, as in a base's coordinates
         store9(X, i, R, E)
-        J = congruence(E, b.inverse_inertia)
+        J = congruence(E, w.bodies[i].inverse_inertia)
         for k in range(6):
             X[i, INVERSE + k] = J[k]
 
 
 @kernel
 def load(w: Any, x: Any, gravity: np.ndarray) -> None:
-    """Set the forces of all bodies to the weight, the moments to the gyroscopic ones."""
+    """Set forces and moments of all bodies: the weight, gyroscopic moments, the torques of the axes."""
     X = x.X
     for i in range(len(w.bodies)):
-        b = w.bodies[i]
-        store3(X, i, FORCE, (b.mass * gravity[0], b.mass * gravity[1], b.mass * gravity[2]))
-        moment = (0.0, 0.0, 0.0)
-        if w.engine[0].gyroscopic:
-            E = load9(X, i, R)
-            spin = rotate_back(E, load3(X, i, SPIN))
-            moment = rotate(E, cross(symmetric(b.inertia, spin), spin))
-        store3(X, i, MOMENT, moment)
-
-
-@inline
-def twist(X: np.ndarray, i: int, moment: Any) -> None:
-    """Add a moment [N m]."""
-    store3(X, i, MOMENT, add(load3(X, i, MOMENT), moment))
+        b, E = w.bodies[i], load9(X, i, R)
+        spin = rotate_back(E, load3(X, i, SPIN))
+        store3(X, i, FORCE, scale(gravity, b.mass))
+        store3(X, i, MOMENT, rotate(E, cross(symmetric(b.inertia, spin), spin)))
+    for k in range(len(w.joints)):
+        j = w.joints[k]
+        moment = scale(first_axis(X, j), x.torque[j.axis])
+        if j.universal:
+            moment = add(moment, scale(second_axis(X, j), x.torque[j.second_axis]))
+        store3(X, j.b, MOMENT, add(load3(X, j.b, MOMENT), moment))
+        store3(X, j.a, MOMENT, sub(load3(X, j.a, MOMENT), moment))
 
 
 @kernel
@@ -92,36 +81,29 @@ def move(w: Any, x: Any, h: float) -> None:
             alpha = add(load3(S, i, 3), symmetric(load6(X, i, INVERSE), load3(X, i, MOMENT)))
             v = add(load3(X, i, SPEED), scale(a, h))
             spin = add(load3(X, i, SPIN), scale(alpha, h))
-            _keep3(X, i, PLACE, add(load3(X, i, PLACE), scale(v, h)), e.single)
-            _turn(X, i, spin, h, e.single)
-            _keep3(X, i, SPEED, _damped(v, e.linear_damping, e.damping_threshold), e.single)
-            _keep3(X, i, SPIN, _damped(spin, e.angular_damping, e.damping_threshold), e.single)
+            store3(X, i, PLACE, add(load3(X, i, PLACE), scale(v, h)))
+            _turn(X, i, scale(spin, 0.5 * h))
+            if dot(v, v) > DAMPED * DAMPED:
+                v = scale(v, 1.0 - e.linear_damping)
+            if dot(spin, spin) > DAMPED * DAMPED:
+                spin = scale(spin, 1.0 - e.angular_damping)
+            store3(X, i, SPEED, v)
+            store3(X, i, SPIN, spin)
+            for k in range(R):
+                X[i, k] = kept(X[i, k], e.single)
+    refresh(w, x)
 
 
 @inline
-def _damped(v: Any, share: float, threshold: float) -> Any:
-    if dot(v, v) > threshold * threshold:
-        return scale(v, 1.0 - share)
-    return scale(v, 1.0)
-
-
-@inline
-def _turn(X: np.ndarray, i: int, spin: Any, h: float, single: int) -> None:
-    """Integrate the quaternion by Euler's step, and normalize it."""
+def _turn(X: np.ndarray, i: int, half: Any) -> None:
+    """Turn the quaternion by Euler's step, and normalize it; half: of the angle in the step [rad]."""
     a, b, c, d = X[i, TURN], X[i, TURN + 1], X[i, TURN + 2], X[i, TURN + 3]
-    p, q, r = 0.5 * h * spin[0], 0.5 * h * spin[1], 0.5 * h * spin[2]
-    w = a - (p * b + q * c + r * d)
-    i1 = b + (p * a + q * d - r * c)
-    i2 = c + (q * a + r * b - p * d)
-    i3 = d + (r * a + p * c - q * b)
-    s = 1.0 / sqrt(w * w + i1 * i1 + i2 * i2 + i3 * i3)
-    X[i, TURN] = kept(w * s, single)
-    X[i, TURN + 1] = kept(i1 * s, single)
-    X[i, TURN + 2] = kept(i2 * s, single)
-    X[i, TURN + 3] = kept(i3 * s, single)
-
-
-# ---------------------------------------------------------------------------------------------- joints' coordinates
+    p, q, r = half
+    X[i, TURN] = a - (p * b + q * c + r * d)
+    X[i, TURN + 1] = b + (p * a + q * d - r * c)
+    X[i, TURN + 2] = c + (q * a + r * b - p * d)
+    X[i, TURN + 3] = d + (r * a + p * c - q * b)
+    unit_quaternion(X[i], TURN)
 
 
 @kernel
@@ -146,9 +128,10 @@ def angle_of(sine: float, cosine: float) -> float:
 
 
 @inline
-def _unwound(angle: float, last: float) -> float:
-    """Return the angle plus the number of turns that brings it nearest to the last one."""
-    return angle + 2.0 * PI * np.floor((last - angle) / (2.0 * PI) + 0.5)
+def _set_angle(q: np.ndarray, i: int, sine: float, cosine: float) -> None:
+    """Set the angle of axis i, with the number of turns that brings it nearest to the last one."""
+    angle = angle_of(sine, cosine)
+    q[i] = angle + 2.0 * PI * np.floor((q[i] - angle) / (2.0 * PI) + 0.5)
 
 
 @inline
@@ -166,49 +149,19 @@ def second_axis(X: np.ndarray, j: Any) -> Any:
 @kernel
 def measure(w: Any, x: Any) -> None:
     """Measure angles and rates of all axes."""
-    X, T = x.X, x.angles
+    X, q = x.X, x.q
     for k in range(len(w.joints)):
         j = w.joints[k]
         spin = sub(load3(X, j.b, SPIN), load3(X, j.a, SPIN))
-        E = load9(X, j.a, R)
-        F = compose(E, j.first)  # joint at zero -> world
-        i = j.axis
-        if j.kind == UNIVERSAL:
-            z = rotate_back(F, second_axis(X, j))
-            sine = z[1] * j.phase_cosine - z[0] * j.phase_sine
-            cosine = z[0] * j.phase_cosine + z[1] * j.phase_sine
-            T[i, 0] = _unwound(angle_of(sine, cosine), T[i, 0])
-            s = sincos(T[i, 0])
+        i, u, F = j.axis, first_axis(X, j), compose(load9(X, j.a, R), j.first)  # joint at zero -> world
+        if j.universal:
+            z, E = rotate_back(F, second_axis(X, j)), j.second
+            _set_angle(q, i, z[1] * E[2] - z[0] * E[5], z[0] * E[2] + z[1] * E[5])
+            x.qd[i] = dot(spin, u)
+            s = sincos(q[i])
             turned = (s[1], -s[0], 0.0, s[0], s[1], 0.0, 0.0, 0.0, 1.0)
-            G = compose(F, compose(turned, j.second))
-            _measure_about_z(X, T, j.b, G, i + 1)
-            T[i, 1] = dot(spin, first_axis(X, j))
-            T[i + 1, 1] = dot(spin, second_axis(X, j))
-        else:
-            _measure_about_z(X, T, j.b, F, i)
-            T[i, 1] = dot(spin, first_axis(X, j))
-            if j.kind == WELD:
-                T[i, 1] = 0.0
-
-
-@inline
-def _measure_about_z(X: np.ndarray, T: np.ndarray, b: int, F: Any, i: int) -> None:
-    """Measure the angle of body b about z from the axes F."""
-    fx, fy = (F[0], F[3], F[6]), (F[1], F[4], F[7])
-    bx, by = (X[b, R], X[b, R + 3], X[b, R + 6]), (X[b, R + 1], X[b, R + 4], X[b, R + 7])
-    sine, cosine = dot(fy, bx) - dot(fx, by), dot(fx, bx) + dot(fy, by)
-    T[i, 0] = _unwound(angle_of(sine, cosine), T[i, 0])
-
-
-@kernel
-def apply_torques(w: Any, x: Any) -> None:
-    """Add the torques of the axes to the moments on both bodies."""
-    X, T = x.X, x.angles
-    for k in range(len(w.joints)):
-        j = w.joints[k]
-        moment = scale(first_axis(X, j), T[j.axis, 2])
-        if j.kind == UNIVERSAL:
-            moment = add(moment, scale(second_axis(X, j), T[j.axis + 1, 2]))
-        if j.kind != WELD:
-            twist(X, j.b, moment)
-            twist(X, j.a, scale(moment, -1.0))
+            i, u, F = j.second_axis, second_axis(X, j), compose(F, compose(turned, E))
+        fx, fy = (F[0], F[3], F[6]), (F[1], F[4], F[7])
+        bx, by = (X[j.b, R], X[j.b, R + 3], X[j.b, R + 6]), (X[j.b, R + 1], X[j.b, R + 4], X[j.b, R + 7])
+        _set_angle(q, i, dot(fy, bx) - dot(fx, by), dot(fx, bx) + dot(fy, by))
+        x.qd[i] = dot(spin, u)

@@ -1,4 +1,4 @@
-"""Records that the kernels read and overwrite: those of bodies, joints and contacts, and the columns of the workspace.
+"""Settings of the engine, records that the kernels read, and the columns of the arrays that they overwrite.
 
 Body 0 is the world, which has no inertia to give: its inverse mass is zero.  Vectors are in world axes unless said
 otherwise, linear before angular, as in a body's twist about its center of mass.
@@ -6,82 +6,112 @@ otherwise, linear before angular, as in a body's twist about its center of mass.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
 
-from ...core.compile.structure import structure
+from ...base.arguments import real, truth, whole
+from ...core.compile.structure import record, structure
 
-BODY = np.dtype(
-    [
-        ("row", np.int64),  # of the tree; -1 of the world of a floating robot
-        ("mass", np.float64),  # [kg]
-        ("inverse_mass", np.float64),  # [1/kg], 0 of what does not move
-        ("center", np.float64, (3,)),  # of mass, in the frame of the tree's row [m]
-        ("inertia", np.float64, (6,)),  # xx xy xz yy yz zz about it, the same axes [kg m^2]
-        ("inverse_inertia", np.float64, (6,)),  # [1/(kg m^2)]
-    ],
-    align=True,
+
+@dataclass(frozen=True)
+class Engine:
+    """Settings of the engine; the defaults are those with which SimTwo ran ODE's QuickStep in 2012.
+
+    Attributes
+    ----------
+    iterations : int
+        Sweeps of the projected successive over-relaxation; 0 solves the same problem directly, as ODE's dWorldStep.
+    erp : float
+        Share of a position error that a step corrects.
+    cfm : float
+        Compliance of constraints and contacts [m/(s N) or rad/(s N m)].
+    bounce : float
+        Coefficient of restitution.
+    linear_damping, angular_damping : float
+        Share of a velocity that a step removes.
+    single : bool
+        Round positions, velocities and constraint forces to single precision.
+    per_step : bool
+        Slew and filter of servos act per step as at 1 ms; False: per second.
+    hardening : float
+        Of a gearbox's spring, K (1 + hardening |e|) e [1/rad].
+    damper_share : float
+        Rotor speed that a gearbox's damper may change in a step [rad/s].
+    """
+
+    iterations: int = 10
+    erp: float = 0.4
+    cfm: float = 1e-5
+    bounce: float = 0.6
+    linear_damping: float = 1e-5
+    angular_damping: float = 1e-3
+    single: bool = True
+    per_step: bool = True
+    hardening: float = 1.0
+    damper_share: float = 0.2
+
+    def __post_init__(self) -> None:
+        whole("iterations", self.iterations, 0, "it is a number of sweeps", 10**6)
+        for name in ("single", "per_step"):
+            truth(name, getattr(self, name))
+        for name in ("erp", "bounce", "linear_damping", "angular_damping"):
+            real(name, getattr(self, name), 0.0, 1.0, "it is a share")
+        for name in ("cfm", "hardening", "damper_share"):
+            real(name, getattr(self, name), 0.0, 1e9, "it cannot be negative")
+
+
+ENGINE = record(**{field.name: float if field.type == "float" else int for field in fields(Engine)})
+EXACT = Engine(
+    iterations=0, cfm=1e-10, bounce=0.0, linear_damping=0.0, angular_damping=0.0, single=False, per_step=False,
+    hardening=0.0, damper_share=1e9,
+)  # fmt: skip
+"""Rigid constraints, solved: what the equations of motion are in the limit of small steps."""
+
+BODY = record(
+    row=int,  # of the tree; of no use for the world
+    mass=float,  # [kg]
+    inverse_mass=float,  # [1/kg], 0 of what does not move
+    center=(float, 3),  # of mass, in the frame of the tree's row [m]
+    inertia=(float, 6),  # xx xy xz yy yz zz about it, the same axes [kg m^2]
+    inverse_inertia=(float, 6),  # [1/(kg m^2)]
 )
 
-HINGE, UNIVERSAL, WELD = 0, 1, 2
-JOINT = np.dtype(
-    [
-        ("kind", np.int64),  # one of these
-        ("a", np.int64),  # body
-        ("b", np.int64),  # body that it carries
-        ("anchor_a", np.float64, (3,)),  # from the center of mass of a, its axes [m]
-        ("anchor_b", np.float64, (3,)),
-        ("first", np.float64, (9,)),  # a's axes -> those of the joint at zero, whose z is the (first) axis
-        ("second", np.float64, (9,)),  # of a universal joint: from there to b's axes at zero, z the second axis
-        ("phase_sine", np.float64),  # of the angle about the first axis at which the second one stands at zero
-        ("phase_cosine", np.float64),
-        ("axis", np.int64),  # row of AXIS, of a universal joint the first of two
-    ],
-    align=True,
+JOINT = record(
+    universal=int,  # 1: a universal joint, 0: a hinge
+    a=int,  # body
+    b=int,  # body that it carries
+    anchor_a=(float, 3),  # from the center of mass of a, its axes [m]
+    anchor_b=(float, 3),
+    first=(float, 9),  # a's axes -> those of the joint at zero, whose z is the (first) axis
+    second=(float, 9),  # of a universal joint: from there to b's axes at zero, z the second axis
+    axis=int,  # its row of AXIS, the index of its coordinate
+    second_axis=int,  # of a universal joint
 )
 
-AXIS = np.dtype(
-    [
-        ("dof", np.int64),  # index of its coordinate
-        ("lower", np.float64),  # [rad]
-        ("upper", np.float64),  # [rad]
-        ("dry", np.float64),  # friction [N m]
-        ("damping", np.float64),  # of the joint [N m s/rad]
-    ],
-    align=True,
+AXIS = record(
+    lower=float,  # [rad]
+    upper=float,  # [rad]
+    dry=float,  # friction of joint and servo [N m]
+    damping=float,  # of the joint [N m s/rad]
+    viscous=float,  # friction of the servo, on the filtered speed [N m s/rad]
+    filter_left=float,  # of the filtered speed's deviation after a step [-]
+    slew=float,  # of the current in a step [A]
+    voltage_limit=float,  # of the back-EMF [V]
+    damper_limit=float,  # of the torque of a gearbox's damper, at the output [N m]
+    hardening=float,  # of its spring: K (1 + hardening |e|) e [1/rad]
 )
 
-DRIVE = np.dtype(
-    [
-        ("on", np.int64),  # 0: of a joint that is held by a constraint
-        ("viscous", np.float64),  # of the servo, on the filtered speed [N m s/rad]
-        ("filter_left", np.float64),  # of the filtered speed's deviation after a step [-]
-        ("slew", np.float64),  # of the current in a step [A]
-        ("voltage_limit", np.float64),  # of the back-EMF [V]
-        ("damper_limit", np.float64),  # of the torque of a gearbox's damper, at the output [N m]
-        ("hardening", np.float64),  # of its spring: K (1 + hardening |e|) e [1/rad]
-    ],
-    align=True,
+POINT = record(
+    body=int,
+    position=(float, 3),  # from its center of mass, its axes [m]
+    axes=(float, 9),  # normal of the ground and two tangents
+    height=float,  # of the ground over the origin, along the normal [m]
+    friction=float,
 )
 
-POINT = np.dtype(
-    [
-        ("a", np.int64),  # body
-        ("position", np.float64, (3,)),  # from its center of mass, its axes [m]
-        ("radius", np.float64),  # [m]
-        ("b", np.int64),  # body of the plane
-        ("normal", np.float64, (3,)),  # of the plane, axes of b
-        ("first", np.float64, (3,)),  # tangents
-        ("second", np.float64, (3,)),
-        ("height", np.float64),  # of the plane over b's center of mass, along the normal [m]
-        ("friction", np.float64),
-        ("place", np.int64),  # of its force in the state, from the first point's
-    ],
-    align=True,
-)
-
-# Columns of a body's row in X.
+# Columns of a body's row in X: its state, and what follows from it.
 PLACE = 0  # 3: center of mass [m]
 TURN = 3  # 4: quaternion w x y z, body -> world
 SPEED = 7  # 3: [m/s]
@@ -92,46 +122,47 @@ FORCE = 28  # 3: applied [N]
 MOMENT = 31  # 3: applied [N m]
 COLUMNS = 34
 
-# Columns of a constraint's row in V; of its Jacobian there are twelve numbers: of a linear, angular, of b the same.
-TARGET = 0  # of the velocity [m/s or rad/s]
-SOFT = 1  # CFM
-LOW = 2  # of the force; of a friction row in shares of the normal one
-HIGH = 3
-LAMBDA = 4  # force [N or N m]
-RIGHT = 5  # right side [1/s]
-DIAGONAL = 6  # of the system, with what is soft
-NUMBERS = 7
-# Columns in I.
-A, B, NORMAL = 0, 1, 2  # bodies; row whose force bounds this one's, -1 if none
-STATE = 3  # which bound holds, in a direct solution
-TOUCHED = 4  # of the first row of a contact: which point
-INTEGERS = 5
+ROW = record(
+    a=int,  # bodies
+    b=int,
+    target=float,  # of the velocity [m/s or rad/s]
+    soft=float,  # CFM / h
+    low=float,  # bound of the force; of a friction row in shares of the normal one
+    high=float,
+    force=float,  # lambda [N or N m]
+    right=float,  # right side [1/s]
+    divisor=float,  # diagonal of the system, with what is soft
+    normal=int,  # row whose force bounds this one's, -1 if none
+    state=int,  # which bound holds, in a direct solution
+    shown=int,  # place of its force among those of the contacts, -1 if none
+)
 
 
 @structure
 class World(NamedTuple):
-    """Arrays and numbers that do not change during a run."""
+    """Arrays that do not change during a run."""
 
     bodies: np.ndarray  # (nb,) BODY
     joints: np.ndarray  # (joints,) JOINT
-    axes: np.ndarray  # (n,) AXIS
+    axes: np.ndarray  # (n,) AXIS, by coordinate
     points: np.ndarray  # (points,) POINT
     engine: np.ndarray  # (1,) fields of `Engine`
-    drive: np.ndarray  # (n,) DRIVE, by coordinate
 
 
 @structure
 class Work(NamedTuple):
     """Arrays that every step overwrites."""
 
+    q: np.ndarray  # (n,) angles and rates of the axes, in the state
+    qd: np.ndarray
+    torque: np.ndarray  # (n,) of each axis
     X: np.ndarray  # (nb, COLUMNS)
-    J: np.ndarray  # (rows, 12) Jacobian
+    rows: np.ndarray  # (rows,) ROW
+    J: np.ndarray  # (rows, 12) Jacobian: linear, angular, of both bodies
     M: np.ndarray  # (rows, 12) inverse mass times Jacobian
-    V: np.ndarray  # (rows, NUMBERS)
-    I: np.ndarray  # (rows, INTEGERS)
     S: np.ndarray  # (nb, 6) accelerations by the constraints
     order: np.ndarray  # (rows,) of a sweep
-    D: np.ndarray  # (rows, rows + 1) of the direct solution, (1, 1) where there is none
-    angles: np.ndarray  # (n, 3) angle, rate and torque of each axis
+    D: np.ndarray  # (rows, rows + 1) of the direct solution, without rows where there is none
     random: np.ndarray  # (2,) state of the generator
-    counts: np.ndarray  # (4,) rows of the last step, steps without a direct solution, sweeps there, steps
+    unsolved: np.ndarray  # (1,) number of steps without a direct solution
+    tree: np.ndarray  # workspace of the tree

@@ -1,7 +1,8 @@
-"""Joints as rows of constraints: J v = target + softness, with bounds on the force.
+"""Joints and contacts as rows of constraints: J v = target + softness, with bounds on the force.
 
 A hinge keeps three numbers of its anchor and two of its axis, a universal joint three and the right angle between its
-axes, a weld three and three.  A stop and dry friction are rows about the axis whose force is bounded.
+axes.  A stop and dry friction are rows about the axis whose force is bounded.  A point on the ground has three rows: a
+normal force, which only pushes, and a pyramid of friction.
 """
 
 from __future__ import annotations
@@ -13,159 +14,138 @@ import numpy as np
 from ...core.compile.jit import inline, kernel
 from ...core.tree.spatial import add, cross, dot, load3, load6, load9, rotate, scale, store3, sub, symmetric
 from .bodies import first_axis, second_axis
-from .layout import (
-    DIAGONAL,
-    FORCE,
-    HIGH,
-    INVERSE,
-    LAMBDA,
-    LOW,
-    NORMAL,
-    PLACE,
-    RIGHT,
-    SOFT,
-    SPEED,
-    STATE,
-    TARGET,
-    UNIVERSAL,
-    WELD,
-    A,
-    B,
-    R,
-)
+from .layout import FORCE, INVERSE, PLACE, SPEED, R
 
 FREE = 1e300  # a bound that is none
+BOUNCING = 1e-3  # speed from which on a contact bounces [m/s], as in SimTwo
 
 
 @kernel
-def joint_rows(w: Any, x: Any, h: float) -> int:
-    """Fill the rows of all joints; return their number."""
+def fill_rows(w: Any, x: Any, h: float) -> int:
+    """Fill the system (J M^-1 J' + CFM / h) lambda = right side of joints and contacts; return the number of rows."""
     m, erp = 0, w.engine[0].erp / h
     for k in range(len(w.joints)):
-        m = _keep_anchor(w, x, w.joints[k], erp, m)
-        m = _keep_axes(w, x, w.joints[k], erp, m)
+        m = _hold(x, w.joints[k], erp, m)
     for k in range(len(w.joints)):
         j = w.joints[k]
-        if j.kind != WELD:
-            m = _bound_axis(w, x, j, first_axis(x.X, j), (j.axis, erp, m))
-        if j.kind == UNIVERSAL:
-            m = _bound_axis(w, x, j, second_axis(x.X, j), (j.axis + 1, erp, m))
+        m = _bound_axis(w, x, j, j.axis, (first_axis(x.X, j), erp, m))
+        if j.universal:
+            m = _bound_axis(w, x, j, j.second_axis, (second_axis(x.X, j), erp, m))
+    m = _contact_rows(w, x, erp, m)
+    _finish_rows(w, x, m, h)
     return m
 
 
 @inline
-def _keep_anchor(w: Any, x: Any, j: Any, erp: float, m: int) -> int:
-    X, J = x.X, x.J
-    ra = rotate(load9(X, j.a, R), j.anchor_a)
-    rb = rotate(load9(X, j.b, R), j.anchor_b)
+def _hold(x: Any, j: Any, erp: float, m: int) -> int:
+    """Fill the rows that hold the bodies of a joint together, from row m on; return the next row."""
+    X, F, E = x.X, j.first, load9(x.X, j.a, R)
+    ra, rb = rotate(E, j.anchor_a), rotate(load9(X, j.b, R), j.anchor_b)
     off = sub(add(load3(X, j.b, PLACE), rb), add(load3(X, j.a, PLACE), ra))
     for k in range(3):
-        e = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
-        store3(J, m + k, 0, scale(e, -1.0))
-        store3(J, m + k, 3, cross(e, ra))
-        store3(J, m + k, 6, e)
-        store3(J, m + k, 9, cross(rb, e))
-        begin_row(x, m + k, j.a, j.b, -erp * dot(off, e), w.engine[0].cfm)
-    return m + 3
-
-
-@inline
-def _keep_axes(w: Any, x: Any, j: Any, erp: float, m: int) -> int:
-    X, cfm = x.X, w.engine[0].cfm
+        u = (-1.0 if k == 0 else 0.0, -1.0 if k == 1 else 0.0, -1.0 if k == 2 else 0.0)
+        _begin_row(x, m + k, (j.a, j.b), (u, cross(ra, u), cross(u, rb)), erp * dot(off, u))
     p, s = first_axis(X, j), second_axis(X, j)
-    if j.kind == UNIVERSAL:
-        angular_row(x, m, j, cross(s, p), -erp * dot(p, s), cfm)
-        return m + 1
-    if j.kind == WELD:
-        off = _twisted(X, j)
-        angular_row(x, m, j, (1.0, 0.0, 0.0), erp * off[0], cfm)
-        angular_row(x, m + 1, j, (0.0, 1.0, 0.0), erp * off[1], cfm)
-        angular_row(x, m + 2, j, (0.0, 0.0, 1.0), erp * off[2], cfm)
-        return m + 3
-    E, F = load9(X, j.a, R), j.first
     off = cross(s, p)
+    if j.universal:
+        _angular_row(x, m + 3, j, off, -erp * dot(p, s))
+        return m + 4
     q, r = rotate(E, (F[0], F[3], F[6])), rotate(E, (F[1], F[4], F[7]))
-    angular_row(x, m, j, q, erp * dot(off, q), cfm)
-    angular_row(x, m + 1, j, r, erp * dot(off, r), cfm)
-    return m + 2
+    _angular_row(x, m + 3, j, q, erp * dot(off, q))
+    _angular_row(x, m + 4, j, r, erp * dot(off, r))
+    return m + 5
 
 
 @inline
-def _twisted(X: np.ndarray, j: Any) -> Any:
-    """Return the sine of the angle about its axis that turns b to where a weld holds it."""
-    E, off = load9(X, j.a, R), (0.0, 0.0, 0.0)
-    for k in range(3):
-        target = rotate(E, (j.first[k], j.first[3 + k], j.first[6 + k]))
-        off = add(off, scale(cross((X[j.b, R + k], X[j.b, R + 3 + k], X[j.b, R + 6 + k]), target), 0.5))
-    return off
-
-
-@inline
-def _bound_axis(w: Any, x: Any, j: Any, u: Any, at: Any) -> int:
-    """Fill a row for an active stop or dry friction; at: row of AXIS, ERP / h, the next row."""
-    i, erp, m = at
-    axis, angle, cfm = w.axes[i], x.angles[i, 0], w.engine[0].cfm
+def _bound_axis(w: Any, x: Any, j: Any, i: int, how: Any) -> int:
+    """Fill a row for an active stop or dry friction of axis i; how: its direction, ERP / h, the next row."""
+    axis, angle, (u, erp, m) = w.axes[i], x.q[i], how
+    low, high, off = -axis.dry, axis.dry, 0.0
     if angle <= axis.lower:
-        angular_row(x, m, j, u, erp * (axis.lower - angle), cfm)
-        x.V[m, LOW] = 0.0
-        return m + 1
-    if angle >= axis.upper:
-        angular_row(x, m, j, u, erp * (axis.upper - angle), cfm)
-        x.V[m, HIGH] = 0.0
-        return m + 1
-    if axis.dry > 0.0:
-        angular_row(x, m, j, u, 0.0, cfm)
-        x.V[m, LOW], x.V[m, HIGH] = -axis.dry, axis.dry
+        low, high, off = 0.0, FREE, axis.lower - angle
+    elif angle >= axis.upper:
+        low, high, off = -FREE, 0.0, axis.upper - angle
+    if low < high:
+        _angular_row(x, m, j, u, erp * off)
+        x.rows[m].low, x.rows[m].high = low, high
         return m + 1
     return m
 
 
-@inline
-def angular_row(x: Any, m: int, j: Any, u: Any, target: float, cfm: float) -> None:
-    """Fill a row on the difference of both bodies' angular velocities along u."""
-    store3(x.J, m, 0, (0.0, 0.0, 0.0))
-    store3(x.J, m, 3, scale(u, -1.0))
-    store3(x.J, m, 6, (0.0, 0.0, 0.0))
-    store3(x.J, m, 9, u)
-    begin_row(x, m, j.a, j.b, target, cfm)
+@kernel
+def _contact_rows(w: Any, x: Any, erp: float, m: int) -> int:
+    """Fill three rows of each touching point, from row m on; return the next row.
+
+    A contact that closes fast leaves with a share of its speed.
+    """
+    for c in range(len(w.points)):
+        p = w.points[c]
+        center = load3(x.X, p.body, PLACE)
+        at = add(center, rotate(load9(x.X, p.body, R), p.position))
+        depth = p.height - dot(p.axes, at)
+        if depth >= 0.0:
+            for k in range(3):
+                u, row = (p.axes[3 * k], p.axes[3 * k + 1], p.axes[3 * k + 2]), x.rows[m + k]
+                _begin_row(x, m + k, (p.body, 0), (u, cross(sub(at, center), u), cross(u, at)), 0.0)
+                row.shown = 3 * c + k
+                if k > 0:
+                    row.low, row.high, row.normal = -p.friction, p.friction, m
+            normal, approach = x.rows[m], -_along(x.J, x, m, SPEED)
+            normal.low, normal.target = 0.0, erp * depth
+            if approach > BOUNCING:
+                normal.target = max(normal.target, w.engine[0].bounce * approach)
+            m += 3
+    return m
 
 
 @inline
-def begin_row(x: Any, m: int, a: int, b: int, target: float, cfm: float) -> None:
-    """Start a row without bounds between two bodies."""
-    V, I = x.V, x.I
-    V[m, TARGET], V[m, SOFT], V[m, LOW], V[m, HIGH], V[m, LAMBDA] = target, cfm, -FREE, FREE, 0.0
-    I[m, A], I[m, B], I[m, NORMAL], I[m, STATE] = a, b, -1, 0
+def _angular_row(x: Any, m: int, j: Any, u: Any, target: float) -> None:
+    """Fill a row on the angular velocity of b less that of a, along u."""
+    _begin_row(x, m, (j.a, j.b), ((0.0, 0.0, 0.0), scale(u, -1.0), u), target)
 
 
 @inline
-def along(L: np.ndarray, x: Any, m: int, k: int) -> float:
+def _begin_row(x: Any, m: int, bodies: Any, parts: Any, target: float) -> None:
+    """Start a row without bounds; parts: of its Jacobian, linear of a (b has its negative), angular of a, of b."""
+    row, J = x.rows[m], x.J
+    store3(J, m, 0, parts[0])
+    store3(J, m, 3, parts[1])
+    store3(J, m, 6, scale(parts[0], -1.0))
+    store3(J, m, 9, parts[2])
+    row.a, row.b, row.target, row.low, row.high = bodies[0], bodies[1], target, -FREE, FREE
+    row.force, row.normal, row.state, row.shown = 0.0, -1, 0, -1
+
+
+@inline
+def _along(L: np.ndarray, x: Any, m: int, k: int) -> float:
     """Return row m of L (rows, 12) times the columns k to k + 6 of its bodies in X."""
-    a, b = x.I[m, A], x.I[m, B]
-    total = 0.0
+    total, a, b = 0.0, x.rows[m].a, x.rows[m].b
     for c in range(6):
         total += L[m, c] * x.X[a, k + c] + L[m, 6 + c] * x.X[b, k + c]
     return total
 
 
 @kernel
-def finish_rows(w: Any, x: Any, rows: int, h: float) -> None:
-    """Compute the system (J M^-1 J' + CFM / h) lambda = right side for all rows."""
-    V = x.V
+def _finish_rows(w: Any, x: Any, rows: int, h: float) -> None:
+    """Weigh the Jacobian, and compute softness, diagonal and right side of all rows."""
     for m in range(rows):
-        _weigh(w, x, m)
-        V[m, SOFT] = V[m, SOFT] / h
-        total = V[m, SOFT]
+        row = x.rows[m]
+        for side in range(2):
+            i, k = row.b if side else row.a, 6 * side
+            store3(x.M, m, k, scale(load3(x.J, m, k), w.bodies[i].inverse_mass))
+            store3(x.M, m, k + 3, symmetric(load6(x.X, i, INVERSE), load3(x.J, m, k + 3)))
+        row.soft = total = w.engine[0].cfm / h
         for c in range(12):
             total += x.J[m, c] * x.M[m, c]
-        V[m, DIAGONAL] = total
-        V[m, RIGHT] = (V[m, TARGET] - along(x.J, x, m, SPEED)) / h - along(x.M, x, m, FORCE)
+        row.divisor = total
+        row.right = (row.target - _along(x.J, x, m, SPEED)) / h - _along(x.M, x, m, FORCE)
 
 
-@inline
-def _weigh(w: Any, x: Any, m: int) -> None:
-    """Multiply the Jacobian of row m by the inverse masses."""
-    for side in range(2):
-        i, k = x.I[m, side], 6 * side
-        store3(x.M, m, k, scale(load3(x.J, m, k), w.bodies[i].inverse_mass))
-        store3(x.M, m, k + 3, symmetric(load6(x.X, i, INVERSE), load3(x.J, m, k + 3)))
+@kernel
+def show_forces(x: Any, rows: int, out: Any) -> None:
+    """Write the forces of all points to out: normal and tangential [N]."""
+    for k in range(len(out)):
+        out[k] = 0.0
+    for m in range(rows):
+        if x.rows[m].shown >= 0:
+            out[x.rows[m].shown] = x.rows[m].force

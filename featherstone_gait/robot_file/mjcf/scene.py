@@ -304,8 +304,9 @@ def _member(
     loops = read_loops(m, tree, [x.removeprefix(f"{prefix}{SEPARATOR}") for x in equality_names(m)], top)
     robot = Robot(
         name, tree.links, joints, tuple(shapes.values()), tree.base, held_by(m, tree), servos, postures_of(m, tree),
-        loops=loops, tendons=read_tendons(m, tree, drives, top), immersed=read_immersed(m, tree, top),
-        sensors=tuple(sensors), included=tuple(as_names(links, shaped, [*range(len(own))], near & meeting)),
+        loops=loops, tendons=read_tendons(m, tree, drives, top, f"{prefix}{SEPARATOR}"),
+        immersed=read_immersed(m, tree, top), sensors=tuple(sensors),
+        included=tuple(as_names(links, shaped, [*range(len(own))], near & meeting)),
         stated=stated._replace(shapes={}),
     )  # fmt: skip
     touching = tuple(_on_ground(shape, *solids.friction[g]) for g, shape in shapes.items() if g in solids.friction)

@@ -103,10 +103,17 @@ def _rays(m: Any) -> list[int]:
 
 
 def sensor_notes(m: Any) -> Iterator[str]:
-    """Yield the sensors that are not read, by kind, and what rays that meet nothing read."""
+    """Yield what of sensors is not read, sensors that are not, by kind, and what rays that meet nothing read."""
     names = [m.sensor(k).name or f"sensor{k}" for k in _rays(m)]
     if names:
         yield f"rangefinders {quoted(names)} read inf, where MuJoCo reads -1 or, beyond it, the cutoff"
+    for what in ("cutoff", "noise", "delay", "interval"):
+        stated = getattr(m, f"sensor_{what}", np.zeros(m.nsensor))  # delay and interval: since MuJoCo 4
+        own = [k for k in range(m.nsensor) if _is_read(m, k) and np.any(stated[k])]
+        names = [m.sensor(k).name or f"sensor{k}" for k in own if what != "cutoff" or m.sensor_type[k] != RANGEFINDER]
+        if names:
+            remedy = "" if what == "cutoff" else ": a SampledSensor has it"
+            yield f"ignored {what} of sensors {quoted(names)}{remedy}"
     kinds: dict[str, list[str]] = {}
     for k in (k for k in range(m.nsensor) if not _is_read(m, k)):
         kinds.setdefault(_kind(int(m.sensor_type[k])), []).append(m.sensor(k).name or f"sensor{k}")

@@ -59,18 +59,21 @@ def _bends(m: Any, t: int) -> bool:
     return any(m.wrap_type[w] in AROUND for w in _wraps(m, t))
 
 
-def read_tendons(m: Any, tree: Tree, drives: Mapping[int, Controller], top: int = 0) -> tuple[Tendon, ...]:
+def read_tendons(
+    m: Any, tree: Tree, drives: Mapping[int, Controller], top: int = 0, prefix: str = ""
+) -> tuple[Tendon, ...]:
     """Read the tendons of a tree that act or are driven, and equalities of three joints or more as tendons.
 
-    drives: by tendon; top: body whose place counts as that of a fixed root.
+    drives: by tendon; top: body whose place counts as that of a fixed root; prefix: of names, which they lose.
     """
-    found, names, used = [], tendon_names(m), driven(m)
+    found, names, used = [], [name.removeprefix(prefix) for name in tendon_names(m)], driven(m)
     for t, whole in taken(m, tree).items():
         if whole and (acts(m, t) or t in used):
             found.append(replace(_tendon(m, tree, t, names[t], top), controller=drives.get(t)))
     for k, tie in _own_ties(m, tree).items():
         joints = tuple((tree.joint_names[j], c) for j, c in tie.terms.items())
-        name = unused(m.equality(k).name or f"equality{k}", [*names, *(one.name for one in found)])
+        own = m.equality(k).name.removeprefix(prefix) or f"equality{k}"
+        name = unused(own, [*names, *(one.name for one in found)])
         found.append(Tendon(name, joints, (), tie.stiffness, tie.damping, tie.rest))
     return tuple(found)
 
