@@ -22,6 +22,7 @@ from .arguments import (
     Commands,
     add_command,
     add_gait,
+    add_policy,
     add_quiet,
     announce,
     gait_stem,
@@ -29,6 +30,7 @@ from .arguments import (
     robot_of_gait,
     servo_of_gait,
     telling_extras,
+    velocities,
 )
 
 ROW = 4.0  # processor seconds of one core of an AMD EPYC, for 22 strides on a floor (docs/crosscheck.md)
@@ -46,11 +48,7 @@ def add(commands: Commands) -> None:
     parser.option("--strides", "strides to measure, after the first two", 20, metavar="N")
     parser.option("--timestep", "MuJoCo's time step [s]", 2.5e-4, metavar="S")
     parser.option("--processes", "number of processes", 2, metavar="N")
-    described = "of a policy: what it observes and drives, a TOML file or a name that the package knows"
-    parser.option("--description", described, metavar="WHAT")
-    asked = "of a policy: velocities ahead, to the left [m/s] and about the vertical [rad/s] (default: 0.1,0,0)"
-    parser.option("--command", asked, "0.1,0,0", dest="velocities", metavar="VX,VY,WZ")
-    parser.option("--seconds", "of a policy: how long it walks [s]", 10.0, metavar="S")
+    add_policy(parser, "of a policy: ")
     add_quiet(parser)
 
 
@@ -109,7 +107,7 @@ def _policy(args: Namespace) -> int:
     names = [one_of("floors", name, FLOORS) for name in (args.floors or "10ms_0.9").split(",")]
     asked = [one_of("soles", name, SOLES) for name in (args.soles or "spheres").split(",")]
     floors = [(name, Floor(*FLOORS[name], kind)) for name in names for kind in SOLES if kind in asked]
-    command = _velocities(args.velocities)
+    command = velocities(args.velocities)
     with telling_extras():
         model = load_walker(args.robot, base=args.base, contacts=args.contacts, locked=args.locked)
         model = model if args.servo is None else driven(model, args.servo)
@@ -120,11 +118,3 @@ def _policy(args: Namespace) -> int:
             found = crosscheck_policy(args.gait, scene, args.seconds, command, **how)
             print(f"{name}, {floor.soles}", found.table(), sep="\n", end="\n\n")
     return 0
-
-
-def _velocities(text: str) -> list[float]:
-    """Return the velocities of a text; raise ValueError for what are no numbers."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise ValueError(f"--command is {text!r}; expected three numbers with commas: give 0.1,0,0") from error

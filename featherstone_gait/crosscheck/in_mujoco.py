@@ -19,7 +19,7 @@ import numpy as np
 from ..base.arguments import instance, one_of, real
 from ..core.effects.energies import ENERGIES, METER
 from ..core.effects.push import EVENT_MARGIN
-from ..model import TORQUE_LAWS, ContactPoint, Link, Model, Servo, depends_on_load_or_speed
+from ..model import TORQUE_LAWS, ContactPoint, Controller, Link, Model, Servo, depends_on_load_or_speed
 from ..robot_file.markup import element
 from ..robot_file.mjcf.read import heard
 from ..robot_file.mjcf.write import mjcf_text
@@ -78,6 +78,7 @@ class Machine(NamedTuple):
     motor: np.ndarray  # in qvel, of the degrees of freedom that the motors drive
     rotor: np.ndarray | None  # in qpos, of the rotors; None where gearboxes are rigid
     gears: np.ndarray  # (n, 2) stiffness [N m/rad] and damping [N m s/rad] of the gearboxes between
+    drives: np.ndarray  # joints with a torque law, in the order of MuJoCo's actuators
     armature: np.ndarray  # that moves with the joint, not with the rotor [kg m^2]
     viscous: np.ndarray  # friction of joint and servo [N m s/rad] ...
     coulomb: np.ndarray  # ... and dry [N m]
@@ -267,6 +268,7 @@ def evaluated(reference: Reference, times: np.ndarray) -> tuple[np.ndarray, np.n
 def advance(machine: Machine, reference: np.ndarray, rate: np.ndarray, period: float, count: int) -> None:
     """Make a tick of the controllers and `count` steps of MuJoCo; voltages act when their delay is over."""
     d, chain, h = machine.d, machine.chain, period / count
+    d.ctrl[:] = reference[machine.drives]
     waits = round(chain.delay * count / period)
     if abs(waits * h - chain.delay) > 1e-9 * chain.delay:
         raise ValueError(f"timestep {h:g} s does not divide the controllers' delay of {chain.delay:g} s")
@@ -347,6 +349,7 @@ def sample_of(scene: CompiledScene, machine: Machine) -> dict[str, np.ndarray]:
     energy = np.full((len(q), ENERGIES), np.nan)
     energy[:, METER] = chain.meter
     torque = chain.K * chain.current if machine.rotor is None else _through_gears(machine)
+    torque = d.qfrc_actuator[machine.v] if machine.drives.size else torque
     base = {"base_q": d.qpos[:7].copy(), "base_qd": d.qvel[:6].copy()} if scene.model.base == "floating" else {}
     if len(machine.objects):
         base["object_q"] = d.qpos[machine.objects]
@@ -378,12 +381,16 @@ def mujoco_version() -> str:
     return str(_mujoco().__version__)
 
 
-def _servos(scene: CompiledScene) -> dict[str, Servo]:
-    """Return the servos of the moving joints; raise ValueError for what the replay lacks."""
+def _servos(scene: CompiledScene, held: bool) -> dict[str, Servo]:
+    """Return the servos of the moving joints; raise ValueError for what the replay lacks.
+
+    held: references change at ticks alone, so that a torque law may be an actuator of MuJoCo.
+    """
     model = scene.model
     servos = {name: model.servos[name] for name in model.joint_names if scene.gearbox and name in model.servos}
-    laws = {name: servo.controller.law for name, servo in servos.items()}
-    missing = [f"{name}: the torque law {law!r}" for name, law in laws.items() if law in TORQUE_LAWS]
+    laws = {name: servo.controller for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS}
+    lacks = [name for name, law in laws.items() if not held or law.law != "pd_clamped" or law.wrap]
+    missing = [f"{name}: the torque law {laws[name].law!r}" for name in lacks]
     missing += ["springs between bodies"] * bool(scene.springs)
     missing += [f"{one.name}: the drive of a tendon" for one in scene.driven_tendons]
     missing += [f"{one.name}: a tendon of joints and a path" for one in model.tendons if one.joints and one.path]
@@ -395,15 +402,23 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     return servos
 
 
-def machine_of(scene: CompiledScene, floor: Floor | None, h: float, objects: Objects | None = None) -> Machine:
-    """Build a robot with its servos on a floor, for steps of h [s]; raise ValueError for what the replay lacks."""
-    mujoco, model, servos = _mujoco(), scene.model, _servos(scene)
+def machine_of(
+    scene: CompiledScene, floor: Floor | None, h: float, objects: Objects | None = None, held: bool = False
+) -> Machine:
+    """Build a robot with its servos on a floor, for steps of h [s]; raise ValueError for what the replay lacks.
+
+    held: references change at ticks alone.
+    """
+    mujoco, model, servos = _mujoco(), scene.model, _servos(scene, held)
     bare, _ = mjcf_text(replace(model, servos={}, contacts=(), shapes=(), keyframes={}, sensors=()))
     spec = mujoco.MjSpec.from_string(_with_rotors(bare, servos if scene.gearbox == "mipsd" else {}))
     if floor is not None:
         _lay(spec, model, floor, h)
         spec.option.impratio = real("floor: impratio", floor.impratio, 1e-3, 1e6, "1 is MuJoCo's default")
     thrown = np.zeros((0, 6)) if objects is None else objects(spec)
+    laws = {name: one.controller for name, one in servos.items() if one.controller.law in TORQUE_LAWS}
+    for name, law in laws.items():
+        _actuate(spec, name, law)
     m = spec.compile()
     free = m.jnt_qposadr[m.jnt_type == mujoco.mjtJoint.mjJNT_FREE][int(model.base == "floating") :]
     m.opt.timestep, m.opt.gravity[:] = h, scene.gravity
@@ -435,9 +450,10 @@ def machine_of(scene: CompiledScene, floor: Floor | None, h: float, objects: Obj
     m.dof_solref[v], m.dof_solimp[v, :2] = (2.0 * h, 1.0), 0.9999  # joints that stick hardly creep
     loops = np.isin(m.eq_type, [getattr(mujoco.mjtEq, f"mjEQ_{kind}") for kind in ("CONNECT", "WELD", "TENDON")])
     m.eq_solref[loops], m.eq_solimp[loops, :2] = (2.0 * h, 1.0), 0.9999  # and loops hardly open
-    chain = ServoChain([servos.get(name) for name in model.joint_names], h, model.supply)
-    return Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded,
-                    free[:, None] + np.arange(7), thrown)  # fmt: skip
+    driven = [servos.get(name) if name not in laws else None for name in model.joint_names]
+    chain, drives = ServoChain(driven, h, model.supply), np.array([model.joint_rows[name] for name in laws], int)
+    return Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, drives, rigid.copy(), viscous, coulomb,
+                   loaded, free[:, None] + np.arange(7), thrown)  # fmt: skip
 
 
 def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
@@ -458,6 +474,16 @@ def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
         tendons += element("fixed", {**spring, "springlength": "0"}, ends)
     text = text.replace("</worldbody>", "\n".join([*bodies, "</worldbody>"]))
     return text.replace("</mujoco>", "\n".join(["<tendon>", *tendons, "</tendon>", "</mujoco>"]))
+
+
+def _actuate(spec: Any, name: str, law: Controller) -> None:
+    """Add the position actuator of a joint: a torque Kp (reference - angle) - Kd speed, within its limit."""
+    mujoco, most = _mujoco(), law.torque_limit
+    limit = {"forcerange": [-most, most]} if most < math.inf else {}
+    spec.add_actuator(
+        name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        gainprm=[law.Kp] + [0.0] * 9, biasprm=[0.0, -law.Kp, -law.Kd] + [0.0] * 7, **limit,
+    )  # fmt: skip
 
 
 def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:

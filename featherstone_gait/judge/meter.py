@@ -1,4 +1,4 @@
-"""Measure, for all worlds at once, how the robots of a session move and what their servos do."""
+"""Measure, for all worlds at once, how robots move and what their servos do."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ def measured_channels(scene: CompiledScene) -> tuple[str, ...]:
 
 
 class Meter:
-    """Sums, extremes and counts of each world (n,) and joint (n, joints) over the samples of a session.
+    """Sums, extremes and counts of each world (n,) and joint (n, joints) over the samples of its robots.
 
     direction: (2,) of the way that counts, in the heading of the robot.
     """
 
-    def __init__(self, session: Session, seen: dict[str, np.ndarray], direction: np.ndarray, sample: float) -> None:
-        scene, n, joints = session.scene, session.n, session.scene.tree.n
-        self._session, self._sample, self._direction = session, sample, direction
+    def __init__(self, robots: Session, seen: dict[str, np.ndarray], direction: np.ndarray, sample: float) -> None:
+        scene, n, joints = robots.scene, robots.n, robots.scene.tree.n
+        self._robots, self._sample, self._direction = robots, sample, direction
         self._motor = bool(scene.sampled)
-        self._limit = np.array([self._limits(one) for one in session.scenes])
+        self._limit = np.array([self._limits(one) for one in robots.scenes])
         self._place, self._yaw = seen["base_q"][:, :2].copy(), _yaw(seen["base_q"])
         self.way, self.aside, self.turned, self.samples, self.force = np.zeros((5, n))
         self.upright = np.ones(n)  # least cosine of the tilt
@@ -78,21 +78,21 @@ class Meter:
         full &= moving[:, None]
         self.saturated += full
         late = full & ~np.isfinite(self.first)
-        self.first[late] = np.broadcast_to(self._session.time[:, None], late.shape)[late]
+        self.first[late] = np.broadcast_to(self._robots.time[:, None], late.shape)[late]
 
     def result(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Return what was measured of each world (n,), and of each of its joints (n, joints)."""
-        session = self._session
-        time = np.maximum(session.time, 1e-9)
-        energy = session.state_view["energy"].reshape(session.n, -1, len(LABELS))
+        robots = self._robots
+        time = np.maximum(robots.time, 1e-9)
+        energy = robots.state_view["energy"].reshape(robots.n, -1, len(LABELS))
         drawn = energy[..., LABELS.index("electrical_no_regeneration")] if self._motor else self.positive
-        model, gravity = session.scene.model, np.linalg.norm(session.scene.gravity)
+        model, gravity = robots.scene.model, np.linalg.norm(robots.scene.gravity)
         spent, samples = drawn.sum(axis=1), np.maximum(self.samples, 1.0)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             per_way = np.where(self.way > 0.0, spent / self.way, np.nan)
-        masses = np.array([sum(link.mass for link in one.model.links) for one in session.scenes])
+        masses = np.array([sum(link.mass for link in one.model.links) for one in robots.scenes])
         worlds = {
-            "time": session.time, "way": self.way, "speed": self.way / time, "aside": self.aside,
+            "time": robots.time, "way": self.way, "speed": self.way / time, "aside": self.aside,
             "turned": self.turned, "energy": spent, "power": spent / time, "energy_per_way": per_way,
             "cost_of_transport": per_way / (masses * gravity), "saturated": (self.saturated / samples).mean(axis=1),
             "largest_tilt": angle_of(np.sqrt(np.maximum(1.0 - self.upright**2, 0.0)), self.upright),
@@ -103,7 +103,7 @@ class Meter:
             "saturated": self.saturated / samples, "first_saturated": self.first,
         }  # fmt: skip
         if self._motor:
-            R = np.array([[resistance(one, name) for name in model.joint_names] for one in session.scenes])
+            R = np.array([[resistance(one, name) for name in model.joint_names] for one in robots.scenes])
             copper = energy[..., LABELS.index("copper")]
             rms = np.sqrt(np.where(R > 0.0, copper / np.where(R > 0.0, R, 1.0), 0.0) / time[:, None])
             joints |= {"peak_current": self.peak_current, "rms_current": rms}
