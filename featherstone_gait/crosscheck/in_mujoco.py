@@ -301,7 +301,7 @@ def _steps(machine: Machine, count: int) -> None:
                     applied[joints] += pushed
                     applied[motors] -= pushed
             if machine.loaded:
-                machine.m.dof_frictionloss[joints] = _budget(machine, torque)
+                machine.m.dof_frictionloss[joints] = _budget(machine, torque + d.qfrc_actuator[joints])
             mujoco.mj_step(machine.m, d)
             chain.filter(speeds[joints])
 
