@@ -38,7 +38,7 @@ from ..model import Ground, HeightField, Joint
 from ..model.pair_contact import ALL, GROUND, PairContact
 from ..model.pair_friction import Frictions, PairFriction, shape_names
 from ..model.placed import SEPARATOR, Placed, link_name
-from ..model.shapes import Box, Capsule, Mesh, Shape, Sphere
+from ..model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from .contact import TWO_DEPTHS, half_thickness, plane_axes
 from .forest import Member, named, shifts
 from .loads import LIGHTEST, Loads, carrying, loads_at_start, moving_masses, trees_of
@@ -426,7 +426,7 @@ def points_of(kinds: set[type]) -> int:
     if Sphere in kinds:
         return 1
     if Capsule in kinds:
-        return 2
+        return 3 if Cylinder in kinds else 2  # where the capsule crosses the border of an end, and the deepest
     return 8
 
 

@@ -76,6 +76,7 @@ def test_a_kick_scores_and_chance_does_not(scene):
     env.close()
 
 
+@pytest.mark.long
 def test_pictures_show_the_ball(scene):
     """A picture changes where the ball alone has moved."""
     env = Kick(scene, render_mode="rgb_array")

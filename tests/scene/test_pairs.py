@@ -259,6 +259,7 @@ def test_points_of_an_obstacle_are_those_of_the_ground(shape, points):
     assert points * pair.stiffness * 5e-4 == pytest.approx(2.0 * G, rel=1e-14)
 
 
+@pytest.mark.long
 def test_a_box_rests_on_an_obstacle_exactly_as_deep_as_on_the_ground():
     cube, depth = body(CUBE, 2.0, name="cube"), 1e-3
     table = obstacle(Box((1.0, 1.0, 0.2)), "table", (0.0, 0.0, 0.1))
@@ -424,7 +425,7 @@ def test_a_pair_has_as_many_points_as_its_shapes_can_have():
     }
     assert slots == {
         frozenset({"Box", "Sphere"}): 1, frozenset({"Capsule", "Sphere"}): 1, frozenset({"Cylinder", "Sphere"}): 1,
-        frozenset({"Box", "Capsule"}): 2, frozenset({"Capsule", "Cylinder"}): 2, frozenset({"Box", "Cylinder"}): 8,
+        frozenset({"Box", "Capsule"}): 2, frozenset({"Capsule", "Cylinder"}): 3, frozenset({"Box", "Cylinder"}): 8,
     }  # fmt: skip
     assert scene.touching.table.slots[0] == 15
     few = compile_scene(placed, pairs=PairContact(max_points=9))

@@ -518,9 +518,11 @@ def _tangent(n):
 def _keep_features(turning, pair, step, c, lane, width, found):
     """Give each of the points found a slot of the pair, old[m, 0]: that of its feature, else one that is free.
 
-    What has gone leaves its slot, with its bristle.
+    Where features change, as from a face to its edge, points that have gone go on, with force and bristle, as the new
+    ones that are nearest to them.  What has gone otherwise leaves its slot, with its bristle.
     """
     y, o, pool = flat(step.y), step.offsets, step.pool
+    new = found
     for m in range(found):
         pool.old[m, 0] = -1.0
     for j in range(pair.slots):
@@ -528,22 +530,45 @@ def _keep_features(turning, pair, step, c, lane, width, found):
         for m in range(found):
             if y[at] == pool.manifold[m, 7] + 1.0:
                 pool.old[m, 0], kept = j, True
+                new -= 1
         if not kept:
             y[at] = 0.0
-    j = 0
+    while new > 0:
+        m, j, heir = _next_point(pair, step, c, lane, width, found)
+        if j < 0:
+            break
+        new -= 1
+        pool.old[m, 0] = j
+        y[(o.pair_feature + c + j) * width + lane] = pool.manifold[m, 7] + 1.0
+        if not heir:
+            y[(o.pair_normal_force + c + j) * width + lane] = 0.0  # that of what had the slot before
+            for k in range(3):
+                y[(o.pair_deflection + 3 * (c + j) + k) * width + lane] = 0.0
+            if turning is not None:
+                for k in range(4):
+                    y[(o.pair_turning + 4 * (c + j) + k) * width + lane] = 0.0
+
+
+@inline
+def _next_point(pair, step, c, lane, width, found):
+    """Return a new point, its slot (-1: there is none), and whether what was pressed there goes on as this point."""
+    y, o, pool = flat(step.y), step.offsets, step.pool
+    point, slot, least, heir = 0, -1, 1e300, False
     for m in range(found):
         if pool.old[m, 0] < 0.0:
-            while j < pair.slots and y[(o.pair_feature + c + j) * width + lane] > 0.0:
-                j += 1
-            if j < pair.slots:
-                pool.old[m, 0] = j
-                y[(o.pair_feature + c + j) * width + lane] = pool.manifold[m, 7] + 1.0
-                y[(o.pair_normal_force + c + j) * width + lane] = 0.0  # that of what had the slot before
-                for k in range(3):
-                    y[(o.pair_deflection + 3 * (c + j) + k) * width + lane] = 0.0
-                if turning is not None:
-                    for k in range(4):
-                        y[(o.pair_turning + 4 * (c + j) + k) * width + lane] = 0.0
+            for j in range(pair.slots):
+                if y[(o.pair_feature + c + j) * width + lane] == 0.0:
+                    if value_of(y[(o.pair_gap + c + j) * width + lane]) < 0.0:
+                        way = 0.0
+                        for k in range(3):
+                            at = value_of(y[(o.base_q + 7 * pair.tree_a + k) * width + lane]) + pool.manifold[m, k]
+                            d = at - value_of(y[(o.pair_position + 3 * (c + j) + k) * width + lane])
+                            way += d * d
+                        if way < least:
+                            point, slot, least, heir = m, j, way, True
+                    elif slot < 0:
+                        point, slot = m, j
+    return point, slot, heir
 
 
 @inline

@@ -34,7 +34,8 @@ FARTHER = 40.0  # times that: how far away its distance is computed
 LONGEST = 2e-2  # [s] for which a pool is renewed; steps with error control may be longer where nothing is near
 SHORTEST = 1e-6  # step [s] that is tried before a pool is said to be too small
 SEEN = 4.0  # times the resting depth
-KEPT = 10  # numbers of a slot that move with its pair: pair, feature, bristle, normal force, bristles of the moment
+KEPT = 14  # numbers of a slot that move with its pair: pair, feature, bristle, normal force, gap, position, and
+TURNING = 10  # from here on the bristles of the moment
 ROUNDED = 1.001  # by how much more than the margin a gap is less
 CHORD = 3.141592653589793  # an angle [rad] by the distance of its quaternions is at most this
 WAY, MOVED, SPEED, PATH = 0, 1, 2, 3  # rows of `Renewal.ways`
@@ -249,7 +250,9 @@ def _deal_out(pairs, y, h, run, spending):
         kept[c, 0], kept[c, 1] = y[o.pair + c], y[o.pair_feature + c]
         for k in range(3):
             kept[c, 2 + k] = y[o.pair_deflection + 3 * c + k]
-        kept[c, 5] = y[o.pair_normal_force + c]
+        kept[c, 5], kept[c, 6] = y[o.pair_normal_force + c], y[o.pair_gap + c]
+        for k in range(3):
+            kept[c, 7 + k] = y[o.pair_position + 3 * c + k]
         _keep_moment(pairs.turning, kept, c, o, y)
         y[o.pair + c] = 0.0
         y[o.pair_feature + c] = 0.0
@@ -303,7 +306,7 @@ def _keep_moment(turning, kept, c, o, y):
     """Move the bristles of the moment of a slot out of the state."""
     if turning is not None:
         for k in range(4):
-            kept[c, 6 + k] = y[o.pair_turning + 4 * c + k]
+            kept[c, TURNING + k] = y[o.pair_turning + 4 * c + k]
             y[o.pair_turning + 4 * c + k] = 0.0
 
 
@@ -359,6 +362,9 @@ def _take_over(turning, k, count, used, where, kept, o, y, width):
                 for i in range(3):
                     new[(o.pair_deflection + 3 * (used + j) + i) * width + lane] = old[at + (2 + i) * width]
                 new[(o.pair_normal_force + used + j) * width + lane] = old[at + 5 * width]
+                new[(o.pair_gap + used + j) * width + lane] = old[at + 6 * width]
+                for i in range(3):
+                    new[(o.pair_position + 3 * (used + j) + i) * width + lane] = old[at + (7 + i) * width]
                 if turning is not None:
                     for i in range(4):
-                        new[(o.pair_turning + 4 * (used + j) + i) * width + lane] = old[at + (6 + i) * width]
+                        new[(o.pair_turning + 4 * (used + j) + i) * width + lane] = old[at + (TURNING + i) * width]
