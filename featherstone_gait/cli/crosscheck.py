@@ -1,15 +1,16 @@
 """Walk a gait in MuJoCo, with the same servos and MuJoCo's contact, on twelve floors; it resumes if interrupted.
 
-A policy as an ONNX file walks for some seconds, on the floor of 10 ms or those that are named; its speed and energy
-are printed beside those here.
-
-Of a gait it writes GAIT_crosscheck.json (one row per floor, in MuJoCo and here) and .csv.
+Writes GAIT_crosscheck.json (one row per floor, in MuJoCo and here) and .csv.
 
 Takes a minute or two on two cores; Ctrl-C keeps finished floors.
+
+In place of the gait a policy may stand, an .onnx file: its speed and energy are printed beside those here, for the
+floors that are named (default: 10ms_0.9), and no file is made.
 
   featherstone-gait crosscheck humanoid_gait.npz
   featherstone-gait crosscheck humanoid_gait.npz --floors 2ms_0.9 --strides 5
   featherstone-gait crosscheck my_gait.csv --robot my_biped.urdf --servo generic
+  featherstone-gait crosscheck walking.onnx --robot scene.xml --contacts feet
 """
 
 from __future__ import annotations
