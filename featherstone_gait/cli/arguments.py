@@ -291,3 +291,23 @@ def servo_of_gait(args: argparse.Namespace) -> str | None:
 def gait_stem(args: argparse.Namespace) -> str:
     """Return the beginning of file names of a command about a gait."""
     return args.gait.stem.removesuffix("_angles") + ("_first" if args.first else "")
+
+
+def add_policy(parser: Parser, of: str = "") -> None:
+    """Add the options of a policy: its description, what it is commanded and for how long; `of` begins their help."""
+    described = "what the policy observes and drives: a TOML file or a name that the package knows (default: by the "
+    parser.option("--description", f"{of}{described}metadata of the ONNX file)", metavar="WHAT")
+    asked = f"{of}velocities ahead, to the left [m/s] and about the vertical [rad/s] (default: 0.1,0,0)"
+    parser.option("--command", asked, "0.1,0,0", dest="velocities", metavar="VX,VY,WZ")
+    parser.option("--seconds", f"{of}how long it walks [s]", 10.0, metavar="S")
+
+
+def velocities(text: str) -> list[float]:
+    """Return the three velocities of `--command`; raise ValueError for others."""
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) != 3:
+        raise ValueError(f"--command is {text!r}; expected three numbers with commas: give 0.1,0,0")
+    return found

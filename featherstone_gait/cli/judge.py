@@ -19,7 +19,17 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from .arguments import Commands, add_command, add_quiet, add_setup, announce, gearbox_line, telling_extras
+from .arguments import (
+    Commands,
+    add_command,
+    add_policy,
+    add_quiet,
+    add_setup,
+    announce,
+    gearbox_line,
+    telling_extras,
+    velocities,
+)
 
 
 def add(commands: Commands) -> None:
@@ -30,12 +40,8 @@ def add(commands: Commands) -> None:
     parser.option("--robot", "name or robot file (default: humanoid)", "humanoid")
     parser.option("--locked", "set of joints to lock, named in the robot's TOML file", metavar="SET")
     add_setup(parser)
-    described = "what the policy observes and drives: a TOML file or a name that the package knows (default: by the "
-    parser.option("--description", f"{described}metadata of the ONNX file)", metavar="WHAT")
-    asked = "velocities ahead, to the left [m/s] and about the vertical [rad/s] (default: 0.1,0,0)"
-    parser.option("--command", asked, "0.1,0,0", dest="velocities", metavar="VX,VY,WZ")
+    add_policy(parser)
     parser.option("--worlds", "number of worlds", 200, metavar="N")
-    parser.option("--seconds", "time in each world [s]", 10.0, metavar="S")
     parser.option("--seed", "seed of all draws", 0, metavar="N")
     parser.option("--doubts", "TOML file of what differs between worlds (default: that of the package)", metavar="FILE")
     parser.option("--timestep", "time step of the midpoint rule [s]", 1e-3, metavar="S")
@@ -59,7 +65,7 @@ def run(args: Namespace) -> int:
         if args.gearbox is None:
             print(gearbox_line(gearbox))
         announce(args, "a minute for 200 worlds of 10 s, compiling aside")
-        asked, records = _velocities(args.velocities), []
+        asked, records = velocities(args.velocities), []
         stems = [policy.stem for policy in args.policies]
         for k, policy in enumerate(args.policies):
             how: dict[str, Any] = {"description": args.description, "doubts": args.doubts}
@@ -75,14 +81,3 @@ def run(args: Namespace) -> int:
     if len(records) > 1:
         print(compare(records))
     return 0
-
-
-def _velocities(text: str) -> list[float]:
-    """Return the three velocities of a text; raise ValueError for others."""
-    try:
-        found = [float(part) for part in text.split(",")]
-    except ValueError:
-        found = []
-    if len(found) != 3:
-        raise ValueError(f"--command is {text!r}; expected three numbers with commas: give 0.1,0,0")
-    return found

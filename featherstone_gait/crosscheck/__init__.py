@@ -4,6 +4,8 @@
     report = crosscheck(motion, out="humanoid_gait_crosscheck")
     print(summary(report))
 
+    print(crosscheck_policy("walking.onnx", load_robot("scene.xml", contacts="feet")).table())
+
 A gait that was optimized on one ground may walk only there.  `docs/crosscheck.md` says how the replay was validated and
 how the stored gaits walk.  MuJoCo is an extra: `pip install featherstone-gait[mjcf]`.
 """
@@ -19,12 +21,14 @@ from .in_mujoco import Floor as Floor
 from .in_mujoco import replay as replay
 from .in_mujoco import sinking as sinking
 from .in_mujoco import standing as standing
+from .policy import PolicyCheck as PolicyCheck
+from .policy import crosscheck_policy as crosscheck_policy
 from .run import crosscheck as crosscheck
 from .run import summary as summary
 from .run import verdict as verdict
 
 # the others are those of `featherstone_gait.walking`
 __all__ = [
-    "FLOORS", "Floor", "Outcome", "WalkResult", "crosscheck", "replay", "sinking", "standing", "summary", "verdict",
-    "walk_on",
+    "FLOORS", "Floor", "Outcome", "PolicyCheck", "WalkResult", "crosscheck", "crosscheck_policy", "replay", "sinking",
+    "standing", "summary", "verdict", "walk_on",
 ]  # fmt: skip

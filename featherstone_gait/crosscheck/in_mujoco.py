@@ -19,7 +19,7 @@ import numpy as np
 from ..base.arguments import instance, one_of, real
 from ..core.effects.energies import ENERGIES, METER
 from ..core.effects.push import EVENT_MARGIN
-from ..model import TORQUE_LAWS, ContactPoint, Link, Model, Servo, depends_on_load_or_speed
+from ..model import TORQUE_LAWS, ContactPoint, Controller, Link, Model, Servo, depends_on_load_or_speed
 from ..robot_file.markup import element
 from ..robot_file.mjcf.read import heard
 from ..robot_file.mjcf.write import mjcf_text
@@ -67,7 +67,7 @@ class Floor:
     impratio: float = 1.0
 
 
-class _Machine(NamedTuple):
+class Machine(NamedTuple):
     """MuJoCo's model, the servos and the joints' addresses; arrays are (n,) in the order of the robot's joints."""
 
     m: Any
@@ -78,6 +78,7 @@ class _Machine(NamedTuple):
     motor: np.ndarray  # in qvel, of the degrees of freedom that the motors drive
     rotor: np.ndarray | None  # in qpos, of the rotors; None where gearboxes are rigid
     gears: np.ndarray  # (n, 2) stiffness [N m/rad] and damping [N m s/rad] of the gearboxes between
+    drives: np.ndarray  # joints with a torque law, in the order of MuJoCo's actuators
     armature: np.ndarray  # that moves with the joint, not with the rotor [kg m^2]
     viscous: np.ndarray  # friction of joint and servo [N m s/rad] ...
     coulomb: np.ndarray  # ... and dry [N m]
@@ -139,20 +140,20 @@ def replay(
     per_tick = round(period / real("timestep", timestep, 1e-6, period, "give MuJoCo's step [s]"))
     if abs(per_tick * timestep - period) > 1e-9 * period:
         raise ValueError(f"timestep {timestep:g} s does not divide the controllers' period of {period:g} s")
-    machine = _machine(scene, floor, timestep, objects)
-    _place(machine, q)
+    machine = machine_of(scene, floor, timestep, objects)
+    place(machine, q)
     ticks = math.ceil(duration / period - 1e-9)
     drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + EVENT_MARGIN)
     acts = None if controller is None else _Acting(controller, scene, machine)
-    rows, status = [_row(scene, machine)], "ok"
+    rows, status = [sample_of(scene, machine)], "ok"
     for k in range(ticks):
         if acts is not None:
             drive[k], rate[k] = acts(k, np.stack([drive[k], rate[k]], axis=1)).T
-        _tick(machine, drive[k], rate[k], period, per_tick)
-        rows.append(_row(scene, machine))
+        advance(machine, drive[k], rate[k], period, per_tick)
+        rows.append(sample_of(scene, machine))
         if not np.isfinite(machine.d.qpos).all() or machine.d.warning.number.any():
             status = "diverged"
-        elif floor is not None and _fell(scene, machine):
+        elif floor is not None and has_fallen(scene, machine):
             status = "fell"
         if status != "ok":
             break
@@ -167,7 +168,7 @@ def replay(
 class _Acting:
     """A user's controller in this engine."""
 
-    def __init__(self, controller: CompiledController, scene: CompiledScene, machine: _Machine) -> None:
+    def __init__(self, controller: CompiledController, scene: CompiledScene, machine: Machine) -> None:
         if controller.writes != "reference":
             what = f"controller {controller.name} writes {controller.writes}s"
             raise ValueError(f"{what}; the replay in MuJoCo has references alone: write these")
@@ -238,13 +239,13 @@ def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep:
     ImportError, ValueError
         As `replay`; ValueError for a robot that does not stand.
     """
-    machine = _machine(scene, floor, timestep)
-    _place(machine, standing(scene, angles, 0.0))
+    machine = machine_of(scene, floor, timestep)
+    place(machine, standing(scene, angles, 0.0))
     period, still = scene.tick_steps * scene.timestep, np.zeros_like(angles)
     for _ in range(round(SETTLING / period)):
-        _tick(machine, angles, still, period, round(period / timestep))
+        advance(machine, angles, still, period, round(period / timestep))
     depth = float(np.maximum(-machine.d.contact.dist, 0.0).sum()) / len(scene.model.contacts)
-    if _fell(scene, machine) or depth <= 0.0:
+    if has_fallen(scene, machine) or depth <= 0.0:
         raise ValueError(f"{scene.model.name} does not stand in the first posture; its sinking cannot be measured")
     return depth
 
@@ -264,9 +265,10 @@ def evaluated(reference: Reference, times: np.ndarray) -> tuple[np.ndarray, np.n
 # ---------------------------------------------------------------------------------------------- stepping
 
 
-def _tick(machine: _Machine, reference: np.ndarray, rate: np.ndarray, period: float, count: int) -> None:
+def advance(machine: Machine, reference: np.ndarray, rate: np.ndarray, period: float, count: int) -> None:
     """Make a tick of the controllers and `count` steps of MuJoCo; voltages act when their delay is over."""
     d, chain, h = machine.d, machine.chain, period / count
+    d.ctrl[:] = reference[machine.drives]
     waits = round(chain.delay * count / period)
     if abs(waits * h - chain.delay) > 1e-9 * chain.delay:
         raise ValueError(f"timestep {h:g} s does not divide the controllers' delay of {chain.delay:g} s")
@@ -282,7 +284,7 @@ def _tick(machine: _Machine, reference: np.ndarray, rate: np.ndarray, period: fl
     _steps(machine, count - shift)
 
 
-def _steps(machine: _Machine, count: int) -> None:
+def _steps(machine: Machine, count: int) -> None:
     """Make steps of MuJoCo with the motors' torques; its warnings (a state that it resets) are in `d.warning`."""
     mujoco, d, chain, joints, motors = _mujoco(), machine.d, machine.chain, machine.v, machine.motor
     speeds, applied, loose = d.qvel, d.qfrc_applied, chain.gears.loose
@@ -299,12 +301,12 @@ def _steps(machine: _Machine, count: int) -> None:
                     applied[joints] += pushed
                     applied[motors] -= pushed
             if machine.loaded:
-                machine.m.dof_frictionloss[joints] = _budget(machine, torque)
+                machine.m.dof_frictionloss[joints] = _budget(machine, torque + d.qfrc_actuator[joints])
             mujoco.mj_step(machine.m, d)
             chain.filter(speeds[joints])
 
 
-def _through_gears(machine: _Machine) -> np.ndarray:
+def _through_gears(machine: Machine) -> np.ndarray:
     """Return the gearboxes' torques on the joints [N m]."""
     d, teeth, (stiffness, damping) = machine.d, machine.chain.gears, machine.gears.T
     e, de = d.qpos[machine.rotor] - d.qpos[machine.q], d.qvel[machine.motor] - d.qvel[machine.v]
@@ -312,7 +314,7 @@ def _through_gears(machine: _Machine) -> np.ndarray:
     return np.where(teeth.loose, teeth.torque(e, de), sprung) if teeth.loose.any() else sprung
 
 
-def _budget(machine: _Machine, t_m: np.ndarray) -> np.ndarray:
+def _budget(machine: Machine, t_m: np.ndarray) -> np.ndarray:
     """Return the largest dry friction in the next step [N m], from the mechanism's load on the joints in the last.
 
     The load is t_e of A dv/dt = t_m + t_f + t_e, t_f all friction: the viscous one, and what MuJoCo's constraint gave.
@@ -326,7 +328,8 @@ def _budget(machine: _Machine, t_m: np.ndarray) -> np.ndarray:
     return np.maximum(machine.coulomb + machine.chain.gears.budget(speed, t_m, t_e), LEAST)
 
 
-def _place(machine: _Machine, q: np.ndarray) -> None:
+def place(machine: Machine, q: np.ndarray) -> None:
+    """Place the robot at rest with positions q (nq,), its rotors turned as far as its joints."""
     m, d, base = machine.m, machine.d, len(q) - len(machine.q)
     _mujoco().mj_resetData(m, d)
     d.qpos[:base] = q[:base]
@@ -339,20 +342,21 @@ def _place(machine: _Machine, q: np.ndarray) -> None:
     _mujoco().mj_forward(m, d)
 
 
-def _row(scene: CompiledScene, machine: _Machine) -> dict[str, np.ndarray]:
+def sample_of(scene: CompiledScene, machine: Machine) -> dict[str, np.ndarray]:
     """Return the channels of a sample; a base's velocities have the same convention in MuJoCo and here."""
     d, chain = machine.d, machine.chain
     q, v = d.qpos[machine.q], d.qvel[machine.v]
     energy = np.full((len(q), ENERGIES), np.nan)
     energy[:, METER] = chain.meter
     torque = chain.K * chain.current if machine.rotor is None else _through_gears(machine)
+    torque = d.qfrc_actuator[machine.v] if machine.drives.size else torque
     base = {"base_q": d.qpos[:7].copy(), "base_qd": d.qvel[:6].copy()} if scene.model.base == "floating" else {}
     if len(machine.objects):
         base["object_q"] = d.qpos[machine.objects]
     return base | {"q": q, "qd": v, "torque": torque, "current": chain.current.copy(), "energy": energy}
 
 
-def _fell(scene: CompiledScene, machine: _Machine) -> bool:
+def has_fallen(scene: CompiledScene, machine: Machine) -> bool:
     """Check whether the center of mass is too low or the base tilted too far, as `core/integrate/rollout.py` does."""
     d = machine.d
     tilt = np.zeros(9)
@@ -377,12 +381,16 @@ def mujoco_version() -> str:
     return str(_mujoco().__version__)
 
 
-def _servos(scene: CompiledScene) -> dict[str, Servo]:
-    """Return the servos of the moving joints; raise ValueError for what the replay lacks."""
+def _servos(scene: CompiledScene, held: bool) -> dict[str, Servo]:
+    """Return the servos of the moving joints; raise ValueError for what the replay lacks.
+
+    held: references change at ticks alone, so that a torque law may be an actuator of MuJoCo.
+    """
     model = scene.model
     servos = {name: model.servos[name] for name in model.joint_names if scene.gearbox and name in model.servos}
-    laws = {name: servo.controller.law for name, servo in servos.items()}
-    missing = [f"{name}: the torque law {law!r}" for name, law in laws.items() if law in TORQUE_LAWS]
+    laws = {name: servo.controller for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS}
+    lacks = [name for name, law in laws.items() if not held or law.law != "pd_clamped" or law.wrap]
+    missing = [f"{name}: the torque law {laws[name].law!r}" for name in lacks]
     missing += ["springs between bodies"] * bool(scene.springs)
     missing += [f"{one.name}: the drive of a tendon" for one in scene.driven_tendons]
     missing += [f"{one.name}: a tendon of joints and a path" for one in model.tendons if one.joints and one.path]
@@ -394,14 +402,23 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     return servos
 
 
-def _machine(scene: CompiledScene, floor: Floor | None, h: float, objects: Objects | None = None) -> _Machine:
-    mujoco, model, servos = _mujoco(), scene.model, _servos(scene)
+def machine_of(
+    scene: CompiledScene, floor: Floor | None, h: float, objects: Objects | None = None, held: bool = False
+) -> Machine:
+    """Build a robot with its servos on a floor, for steps of h [s]; raise ValueError for what the replay lacks.
+
+    held: references change at ticks alone.
+    """
+    mujoco, model, servos = _mujoco(), scene.model, _servos(scene, held)
     bare, _ = mjcf_text(replace(model, servos={}, contacts=(), shapes=(), keyframes={}, sensors=()))
     spec = mujoco.MjSpec.from_string(_with_rotors(bare, servos if scene.gearbox == "mipsd" else {}))
     if floor is not None:
         _lay(spec, model, floor, h)
         spec.option.impratio = real("floor: impratio", floor.impratio, 1e-3, 1e6, "1 is MuJoCo's default")
     thrown = np.zeros((0, 6)) if objects is None else objects(spec)
+    laws = {name: one.controller for name, one in servos.items() if one.controller.law in TORQUE_LAWS}
+    for name, law in laws.items():
+        _actuate(spec, name, law)
     m = spec.compile()
     free = m.jnt_qposadr[m.jnt_type == mujoco.mjtJoint.mjJNT_FREE][int(model.base == "floating") :]
     m.opt.timestep, m.opt.gravity[:] = h, scene.gravity
@@ -433,9 +450,10 @@ def _machine(scene: CompiledScene, floor: Floor | None, h: float, objects: Objec
     m.dof_solref[v], m.dof_solimp[v, :2] = (2.0 * h, 1.0), 0.9999  # joints that stick hardly creep
     loops = np.isin(m.eq_type, [getattr(mujoco.mjtEq, f"mjEQ_{kind}") for kind in ("CONNECT", "WELD", "TENDON")])
     m.eq_solref[loops], m.eq_solimp[loops, :2] = (2.0 * h, 1.0), 0.9999  # and loops hardly open
-    chain = ServoChain([servos.get(name) for name in model.joint_names], h, model.supply)
-    return _Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded,
-                    free[:, None] + np.arange(7), thrown)  # fmt: skip
+    driven = [servos.get(name) if name not in laws else None for name in model.joint_names]
+    chain, drives = ServoChain(driven, h, model.supply), np.array([model.joint_rows[name] for name in laws], int)
+    return Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, drives, rigid.copy(), viscous, coulomb,
+                   loaded, free[:, None] + np.arange(7), thrown)  # fmt: skip
 
 
 def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
@@ -456,6 +474,16 @@ def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
         tendons += element("fixed", {**spring, "springlength": "0"}, ends)
     text = text.replace("</worldbody>", "\n".join([*bodies, "</worldbody>"]))
     return text.replace("</mujoco>", "\n".join(["<tendon>", *tendons, "</tendon>", "</mujoco>"]))
+
+
+def _actuate(spec: Any, name: str, law: Controller) -> None:
+    """Add the position actuator of a joint: a torque Kp (reference - angle) - Kd speed, within its limit."""
+    mujoco, most = _mujoco(), law.torque_limit
+    limit = {"forcerange": [-most, most]} if most < math.inf else {}
+    spec.add_actuator(
+        name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        gainprm=[law.Kp] + [0.0] * 9, biasprm=[0.0, -law.Kp, -law.Kd] + [0.0] * 7, **limit,
+    )  # fmt: skip
 
 
 def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:

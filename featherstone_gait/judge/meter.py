@@ -1,4 +1,4 @@
-"""Measure, for all worlds at once, how the robots of a session move and what their servos do."""
+"""Measure, for all worlds at once, how robots move and what their servos do."""
 
 from __future__ import annotations
 
@@ -44,16 +44,16 @@ def measured_channels(scene: CompiledScene) -> tuple[str, ...]:
 
 
 class Meter:
-    """Sums, extremes and counts of each world (n,) and joint (n, joints) over the samples of a session.
+    """Sums, extremes and counts of each world (n,) and joint (n, joints) over the samples of its robots.
 
     direction: (2,) of the way that counts, in the heading of the robot.
     """
 
-    def __init__(self, session: Session, seen: dict[str, np.ndarray], direction: np.ndarray, sample: float) -> None:
-        scene, n, joints = session.scene, session.n, session.scene.tree.n
-        self._session, self._sample, self._direction = session, sample, direction
+    def __init__(self, robots: Session, seen: dict[str, np.ndarray], direction: np.ndarray, sample: float) -> None:
+        scene, n, joints = robots.scene, robots.n, robots.scene.tree.n
+        self._robots, self._sample, self._direction = robots, sample, direction
         self._motor = bool(scene.sampled)
-        self._limit = np.array([self._limits(one) for one in session.scenes])
+        self._limit = np.array([self._limits(one) for one in robots.scenes])
         self._place, self._yaw = seen["base_q"][:, :2].copy(), _yaw(seen["base_q"])
         self.way, self.aside, self.turned, self.samples, self.force = np.zeros((5, n))
         self.upright = np.ones(n)  # least cosine of the tilt
@@ -63,10 +63,10 @@ class Meter:
         self.positive = np.zeros((n, joints))  # [J] mechanical work of the servos where it is positive
         self.peak_torque, self.squares, self.peak_current, self.saturated = np.zeros((4, n, joints))
         self.first = np.full((n, joints), np.inf)  # [s] when each joint was saturated first
-        self._floors = Floors([one.ground for one in session.scenes if one.ground is not None])
-        self._masses = np.array([[link.mass for link in one.model.links] for one in session.scenes])
-        self._centers = np.array([[link.center_of_mass for link in one.model.links] for one in session.scenes])
-        tilt, low = scene.fall_upright, np.array([one.fall_height for one in session.scenes])
+        self._floors = Floors([one.ground for one in robots.scenes if one.ground is not None])
+        self._masses = np.array([[link.mass for link in one.model.links] for one in robots.scenes])
+        self._centers = np.array([[link.center_of_mass for link in one.model.links] for one in robots.scenes])
+        tilt, low = scene.fall_upright, np.array([one.fall_height for one in robots.scenes])
         share = scene.options.fall_height
         self._near_tilt = np.cos(NEAR * np.arccos(tilt)) if tilt >= -1.0 else -np.inf
         self._near_height = low * (1.0 - NEAR * (1.0 - share)) / share if share > 0.0 else low
@@ -116,14 +116,14 @@ class Meter:
         full &= moving[:, None]
         self.saturated += full
         late = full & ~np.isfinite(self.first)
-        self.first[late] = np.broadcast_to(self._session.time[:, None], late.shape)[late]
+        self.first[late] = np.broadcast_to(self._robots.time[:, None], late.shape)[late]
 
     def _seen_points(self, seen: dict[str, np.ndarray]) -> tuple[Poses, np.ndarray, np.ndarray, np.ndarray]:
         """Return the links' poses, the contact points (n, points, 3), the ground's normals and the heights over it.
 
         The last row of points is the center of mass.
         """
-        model = self._session.scene.model
+        model = self._robots.scene.model
         poses = forward_kinematics(model, np.hstack([seen["base_q"], seen["q"]]))
         points, masses = contact_positions_at(model, poses), self._masses[..., None]
         center = total(masses * (poses.position + applied(poses.rotation, self._centers)), 1) / total(masses, 1)
@@ -147,18 +147,18 @@ class Meter:
 
     def result(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Return what was measured of each world (n,), and of each of its joints (n, joints)."""
-        session = self._session
-        time = np.maximum(session.time, 1e-9)
-        energy = session.state_view["energy"].reshape(session.n, -1, len(LABELS))
+        robots = self._robots
+        time = np.maximum(robots.time, 1e-9)
+        energy = robots.state_view["energy"].reshape(robots.n, -1, len(LABELS))
         drawn = energy[..., LABELS.index("electrical_no_regeneration")] if self._motor else self.positive
-        model, gravity = session.scene.model, np.linalg.norm(session.scene.gravity)
+        model, gravity = robots.scene.model, np.linalg.norm(robots.scene.gravity)
         spent, samples = drawn.sum(axis=1), np.maximum(self.samples, 1.0)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             per_way, slip = (np.where(self.way > 0.0, x / self.way, np.nan) for x in (spent, self.slip))
         clearance, least = self._feet.clearance()
-        masses = np.array([sum(link.mass for link in one.model.links) for one in session.scenes])
+        masses = np.array([sum(link.mass for link in one.model.links) for one in robots.scenes])
         worlds = {
-            "time": session.time, "way": self.way, "speed": self.way / time, "aside": self.aside,
+            "time": robots.time, "way": self.way, "speed": self.way / time, "aside": self.aside,
             "turned": self.turned, "energy": spent, "power": spent / time, "energy_per_way": per_way,
             "cost_of_transport": per_way / (masses * gravity), "saturated": (self.saturated / samples).mean(axis=1),
             "largest_tilt": angle_of(np.sqrt(np.maximum(1.0 - self.upright**2, 0.0)), self.upright),
@@ -170,7 +170,7 @@ class Meter:
             "saturated": self.saturated / samples, "first_saturated": self.first,
         }  # fmt: skip
         if self._motor:
-            R = np.array([[resistance(one, name) for name in model.joint_names] for one in session.scenes])
+            R = np.array([[resistance(one, name) for name in model.joint_names] for one in robots.scenes])
             copper = energy[..., LABELS.index("copper")]
             rms = np.sqrt(np.where(R > 0.0, copper / np.where(R > 0.0, R, 1.0), 0.0) / time[:, None])
             joints |= {"peak_current": self.peak_current, "rms_current": rms}

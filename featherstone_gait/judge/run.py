@@ -108,12 +108,12 @@ def judge(
     reach = max(float(np.hypot(asked[0], asked[1])), SPEED) * end + ROOM
     drawn = draw_worlds(scene, count, seed, doubts, reach)
     found = _roll(acting, scene, drawn, end, asked, threads)
-    verdicts = _verdicts(found, acting, asked, end, least)
+    verdicts = verdicts_of(found, acting, asked, end, least)
     agreement = None
     if again and not scene.adaptive:
         other = scene.recompiled(timestep=0.5 * scene.timestep)
         fine = _roll(acting, other, draw_worlds(other, again, seed, doubts, reach), end, asked, threads)
-        agreement = _agreement(verdicts[:again], found, _verdicts(fine, acting, asked, end, least), fine)
+        agreement = _agreement(verdicts[:again], found, verdicts_of(fine, acting, asked, end, least), fine)
     settings = {
         "command": asked.tolist(), "seconds": end, "seed": seed, "least": least, "integrator": scene.integrator,
         "timestep": scene.timestep, "rate": found.rate, "energy": ELECTRICAL if scene.sampled else MECHANICAL,
@@ -187,7 +187,7 @@ def _file_ranges(model: Model, joints: Sequence[str]) -> np.ndarray:
     return np.array([model.references.get(name, (-np.inf, np.inf)) for name in joints]).reshape(-1, 2).T
 
 
-class _Rolled(NamedTuple):
+class Rolled(NamedTuple):
     """Results of all worlds."""
 
     fell: np.ndarray  # (n,) bool
@@ -201,7 +201,7 @@ class _Rolled(NamedTuple):
     runs: list[Trajectory]
 
 
-class _Timing(NamedTuple):
+class Timing(NamedTuple):
     """How often things happen, in ticks of the session."""
 
     period: int  # ticks of a step of the policy
@@ -210,7 +210,7 @@ class _Timing(NamedTuple):
     steps: int  # of the policy, until the end
 
 
-def _timing(description: PolicyDescription, tick: float, end: float) -> _Timing:
+def timing_of(description: PolicyDescription, tick: float, end: float) -> Timing:
     """Return how often things happen; raise ValueError for a rate that does not fit the servos' ticks."""
     exact = 1.0 if math.isinf(description.rate) else 1.0 / (description.rate * tick)
     period = max(1, round(exact))
@@ -222,13 +222,13 @@ def _timing(description: PolicyDescription, tick: float, end: float) -> _Timing:
         )
     longest = max(1, int(SAMPLE / tick + WHOLE))
     ticks = max(k for k in range(1, min(longest, period) + 1) if period % k == 0)
-    return _Timing(period, ticks, period // ticks, max(1, round(end / (period * tick))))
+    return Timing(period, ticks, period // ticks, max(1, round(end / (period * tick))))
 
 
 class _Actuator:
     """Turn actions into references of the servos (n, joints), which arrive late, or not at all."""
 
-    def __init__(self, policy: Policy, scene: CompiledScene, drawn: Drawn, timing: _Timing, tick: float) -> None:
+    def __init__(self, policy: Policy, scene: CompiledScene, drawn: Drawn, timing: Timing, tick: float) -> None:
         own, model = policy.description.action, scene.model
         names, n = policy.description.joints, len(drawn.delay)
         self.columns = np.array([model.joint_names.index(name) for name in names], int)
@@ -241,8 +241,7 @@ class _Actuator:
         self.low, self.high = np.clip((self.low, self.high), least, most)
         self.action, self.pose, self.offset = own, np.array(policy.description.pose), drawn.sensing.offset
         self.most = own.max_speed * timing.period * tick
-        self.rest = scene.model.single_positions(rest(scene.model))
-        self.rest[self.columns] = np.clip(self.pose, low, high)
+        self.rest = posture_of(policy, scene)
         self.targets = np.broadcast_to(self.rest[self.columns], (n, len(names))).copy()
         self._timing, self._robots = timing, np.arange(n)
         self._late = np.floor(drawn.delay / (timing.ticks * tick) + WHOLE).astype(int)  # in samples
@@ -264,55 +263,68 @@ class _Actuator:
         return found - self.offset
 
 
+def posture_of(policy: Policy, scene: CompiledScene) -> np.ndarray:
+    """Return the joints' angles (joints,) of a robot that stands in the pose of a policy, others as it stands."""
+    model, names = scene.model, policy.description.joints
+    found = model.single_positions(rest(model))
+    joints = [model.joint_names.index(name) for name in names]
+    limits = [model.moving_joints[k] for k in joints]
+    found[joints] = np.clip(policy.description.pose, [one.lower for one in limits], [one.upper for one in limits])
+    return found
+
+
 def _roll(
     policy: Policy, scene: CompiledScene, drawn: Drawn, end: float, command: np.ndarray, threads: int | None = None,
     record: tuple[str, ...] = (),
-) -> _Rolled:  # fmt: skip
-    """Let a policy drive all worlds until they end or have fallen; record: channels of the runs that are kept."""
-    begun, thinking, description = time.perf_counter(), 0.0, policy.description
-    observed = dict.fromkeys((*channels_of(description), *measured_channels(scene)))
-    n, numbers = len(drawn.delay), drawn.sensing.numbers
+) -> Rolled:  # fmt: skip
+    """Let a policy drive all worlds here; record: channels of the runs that are kept."""
+    begun = time.perf_counter()
+    observed = dict.fromkeys((*channels_of(policy.description), *measured_channels(scene)))
     controller = policy.controller_in(scene)
     ticked = with_ticks(scene, controller)
-    timing = _timing(description, ticked.tick_steps * ticked.timestep, end)
+    timing = timing_of(policy.description, ticked.tick_steps * ticked.timestep, end)
     with Session(
         scene, observe=observed, worlds=drawn.worlds, controller=controller, threads=threads, record=record
     ) as session:
-        act = _Actuator(policy, session.scene, drawn, timing, session.tick)
-        starts = [standing_state(one, act.rest - off, True) for one, off in zip(session.scenes, act.offset)]
-        seen = session.reset(state=starts)
-        observer = Observer(
-            description, session.scene, drawn, timing.period * session.tick, timing.ticks * session.tick
-        )
-        observer.sample(seen)
-        meter = Meter(session, seen, _direction(command), timing.ticks * session.tick)
-        actions = np.zeros((n, len(description.joints)))
-        lost = drawn.uniform("lost", timing.steps) < numbers.lost
-        kicks = _kicks(drawn, timing, session.tick)
-        for step in range(timing.steps):
-            if kicks is not None and kicks[:, step].any():
-                speeds, who = seen["base_qd"].copy(), kicks[:, step].any(axis=1) & session.active
-                speeds[:, :2] += kicks[:, step]
-                seen = session.set_state("base_qd", speeds, who) if who.any() else seen
-            now = time.perf_counter()
-            looked = observer.look(seen, step, actions, act.targets, command)
-            actions = policy.actions(looked, step * timing.period * session.tick)
-            thinking += time.perf_counter() - now
-            act.send(step, actions, lost[:, step])
-            for k in range(timing.samples):
-                moving = session.active
-                seen = session.step(act.references(step * timing.samples + k), timing.ticks)
-                meter.take(seen, moving)
-                observer.sample(seen)
-            if not session.active.any():
-                break
-        worlds, joints = meter.result()
-        rate = 1.0 / (timing.period * session.tick)
-        runs = [session.trajectory(k) for k in range(n)] if record else []
-        status, said = np.array(session.status), session.messages
-        fell, unsound = status == Status.FELL, ~session.active & (status != Status.FELL)
-        why = said[int(unsound.argmax())] if unsound.any() else ""
-        return _Rolled(fell, unsound, why, worlds, joints, rate, time.perf_counter() - begun, thinking, runs)
+        found = rolled(policy, session, drawn, timing, command)
+        runs = [session.trajectory(k) for k in range(session.n)] if record else []
+        return found._replace(seconds=time.perf_counter() - begun, runs=runs)
+
+
+def rolled(policy: Policy, robots: Session, drawn: Drawn, timing: Timing, command: np.ndarray) -> Rolled:
+    """Let a policy drive all worlds until they end or have fallen; robots: a session, or another engine's like it."""
+    begun, thinking, n = time.perf_counter(), 0.0, len(drawn.delay)
+    period, sample = timing.period * robots.tick, timing.ticks * robots.tick
+    act = _Actuator(policy, robots.scene, drawn, timing, robots.tick)
+    starts = [standing_state(one, act.rest - off, True) for one, off in zip(robots.scenes, act.offset)]
+    seen = robots.reset(state=starts)
+    observer = Observer(policy.description, robots.scene, drawn, period, sample)
+    observer.sample(seen)
+    meter = Meter(robots, seen, _direction(command), sample)
+    actions = np.zeros((n, len(policy.description.joints)))
+    lost = drawn.uniform("lost", timing.steps) < drawn.sensing.numbers.lost
+    kicks = _kicks(drawn, timing, robots.tick)
+    for step in range(timing.steps):
+        if kicks is not None and kicks[:, step].any():
+            speeds, who = seen["base_qd"].copy(), kicks[:, step].any(axis=1) & robots.active
+            speeds[:, :2] += kicks[:, step]
+            seen = robots.set_state("base_qd", speeds, who) if who.any() else seen
+        now = time.perf_counter()
+        actions = policy.actions(observer.look(seen, step, actions, act.targets, command), step * period)
+        thinking += time.perf_counter() - now
+        act.send(step, actions, lost[:, step])
+        for k in range(timing.samples):
+            moving = robots.active
+            seen = robots.step(act.references(step * timing.samples + k), timing.ticks)
+            meter.take(seen, moving)
+            observer.sample(seen)
+        if not robots.active.any():
+            break
+    worlds, joints = meter.result()
+    fell = np.array(robots.status) == Status.FELL
+    unsound, said = ~robots.active & ~fell, robots.messages
+    why = said[int(unsound.argmax())] if unsound.any() else ""
+    return Rolled(fell, unsound, why, worlds, joints, 1.0 / period, time.perf_counter() - begun, thinking, [])
 
 
 def _direction(command: np.ndarray) -> np.ndarray:
@@ -321,7 +333,7 @@ def _direction(command: np.ndarray) -> np.ndarray:
     return command[:2] / size if size else np.array([1.0, 0.0])
 
 
-def _kicks(drawn: Drawn, timing: _Timing, tick: float) -> np.ndarray | None:
+def _kicks(drawn: Drawn, timing: Timing, tick: float) -> np.ndarray | None:
     """Draw changes of velocity (n, steps, 2) by pushes [m/s], most of them zero; None of none."""
     numbers = drawn.sensing.numbers
     if not numbers.speed:
@@ -332,7 +344,7 @@ def _kicks(drawn: Drawn, timing: _Timing, tick: float) -> np.ndarray | None:
     return numbers.speed * pushed[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _verdicts(found: _Rolled, policy: Policy, command: np.ndarray, end: float, least: float) -> np.ndarray:
+def verdicts_of(found: Rolled, policy: Policy, command: np.ndarray, end: float, least: float) -> np.ndarray:
     """Return "walks", "stands", "falls" or "unknown" of each world, the last where the simulation is not to be trusted.
 
     Without a command, as of a gait, the way of the median world that does not fall is what is asked.
@@ -347,7 +359,7 @@ def _verdicts(found: _Rolled, policy: Policy, command: np.ndarray, end: float, l
     return np.where(walks, "walks", np.where(upright, "stands", np.where(found.fell, "falls", "unknown")))
 
 
-def _agreement(verdicts: np.ndarray, found: _Rolled, others: np.ndarray, fine: _Rolled) -> Agreement:
+def _agreement(verdicts: np.ndarray, found: Rolled, others: np.ndarray, fine: Rolled) -> Agreement:
     """Compare the first worlds with the same ones at half the step."""
     n = len(others)
     both = (verdicts == "walks") & (others == "walks")

@@ -15,7 +15,7 @@ from featherstone_gait.judge import Policy, PolicyDescription, compare, judge, l
 from featherstone_gait.judge.description import Action, Block
 from featherstone_gait.judge.doubts import draw_worlds
 from featherstone_gait.judge.page import report_of
-from featherstone_gait.judge.run import _Actuator, _Timing
+from featherstone_gait.judge.run import Timing, _Actuator
 from featherstone_gait.judge.statistics import wilson
 from featherstone_gait.robot_file.source import robots_folder
 from featherstone_gait.scene.contact import plane_axes
@@ -255,7 +255,7 @@ def test_references_arrive_late_and_those_that_are_lost_not_at_all(scene):
     policy = leaning(scene, lambda x: x[:, :10])
     drawn = draw_worlds(scene, 4, 0, {"worlds": {"reference": {"offset": {"kind": "uniform", "scale": 0.01}}}})
     drawn = drawn._replace(delay=np.array([0.0, 0.01, 0.03, 0.05]))  # 0, 1, 3 and 5 samples
-    act = _Actuator(policy, scene, drawn, _Timing(2, 1, 2, 20), 0.01)
+    act = _Actuator(policy, scene, drawn, Timing(2, 1, 2, 20), 0.01)
     draws = np.random.default_rng(3)
     actions, lost = 0.5 * draws.normal(size=(20, 4, 10)), draws.random((20, 4)) < 0.3
     limits = np.array([(one.lower, one.upper) for one in scene.model.moving_joints]).T
@@ -269,14 +269,14 @@ def test_references_arrive_late_and_those_that_are_lost_not_at_all(scene):
             expected = arrived[then, np.arange(4)] - drawn.sensing.offset
             assert np.array_equal(act.references(sample), expected)
     files = replace(scene.model, references={"left_knee": (-0.05, 0.1)})  # of the engine of the robot's file
-    ranged = _Actuator(policy, replace(scene, model=files), drawn, _Timing(2, 1, 2, 20), 0.01)
+    ranged = _Actuator(policy, replace(scene, model=files), drawn, Timing(2, 1, 2, 20), 0.01)
     ranged.send(0, np.full((4, 10), 9.0), np.zeros(4, bool))
     knee, all_the_way = scene.model.joint_names.index("left_knee"), np.minimum(limits[1], 0.2 * 9.0)
     assert np.array_equal(np.delete(ranged.targets, knee, 1), np.delete(np.tile(all_the_way, (4, 1)), knee, 1))
     assert (ranged.targets[:, knee] == 0.1).all()
     own = policy.description
     slow = replace(policy, description=replace(own, action=replace(own.action, max_speed=2.0)))
-    act = _Actuator(slow, scene, drawn, _Timing(2, 1, 2, 20), 0.01)
+    act = _Actuator(slow, scene, drawn, Timing(2, 1, 2, 20), 0.01)
     act.send(0, np.full((4, 10), 9.0), np.zeros(4, bool))
     assert np.abs(act.targets).max() == pytest.approx(2.0 * 0.02)
 
