@@ -25,6 +25,7 @@ from featherstone_gait.judge import Policy, judge, load_policy
 from featherstone_gait.judge.doubts import draw_worlds
 from featherstone_gait.judge.observation import Observer
 from featherstone_gait.judge.run import HARD
+from featherstone_gait.robot_file.servos import without_actuators
 
 OUT = Path(__file__).parent / "reproduction" / "judged_policies.csv"
 COMMAND, WORLDS, SECONDS, AGAIN = (0.5, 0.0, 0.0), 100, 8.0, 16
@@ -93,7 +94,8 @@ def turned(q: np.ndarray) -> complex:
 def row(robot: str, label: str, servo: str, xml: Path, network: Path, description: str | None) -> dict[str, Any]:
     """Judge one policy on one robot with one kind of servo."""
     model = load_robot(xml, contacts="feet")
-    driven = model if SERVOS[servo] is None else replace(model, servos=dict.fromkeys(model.servos, SERVOS[servo]))
+    own = model.servos if SERVOS[servo] is None else dict.fromkeys(model.servos, SERVOS[servo])
+    driven = replace(without_actuators(model, own), servos=own)
     policy = load_policy(network, model, description)
     record = judge(policy, driven, WORLDS, SECONDS, COMMAND, again=AGAIN)
     counts = {name: int((record.verdicts == name).sum()) for name in ("walks", "stands", "falls", "unknown")}
