@@ -1,7 +1,9 @@
-"""Judge published policies: `python docs/judged.py MICRODUCK PLAYGROUND`, folders of two public repositories.
+"""Judge published policies: `python docs/judged.py MICRODUCK PLAYGROUND OPEN_DUCK WALK.onnx`, of public repositories.
 
 MICRODUCK is apirrone/microduck_runtime at 718cb2e, PLAYGROUND google-deepmind/mujoco_playground at d5e6b47 with the
-meshes that it fetches (they are drawn only).  Writes docs/reproduction/judged_policies.csv in some ten minutes.
+meshes that it fetches (they are drawn only), OPEN_DUCK apirrone/Open_Duck_Playground at f82b5e7, and WALK.onnx is
+BEST_WALK_ONNX_2.onnx of apirrone/Open_Duck_Mini (SHA-256 3c606f93...).  Writes judged_policies.csv and judged_duck.csv
+of docs/reproduction in some ten minutes.
 
 Each policy drives its robot in 100 worlds of 8 s, at a command of 0.5 m/s ahead.  Where the servos are the position
 actuators of the robot's file, it also drives it on a floor without any draw, here and in MuJoCo, at the file's step and
@@ -19,7 +21,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from featherstone_gait import Ground, Model, compile_scene, load_robot, load_servo, standing_state
+from featherstone_gait import Ground, Model, Servo, compile_scene, load_robot, load_servo, standing_state
 from featherstone_gait.base.files import Format, write_csv
 from featherstone_gait.judge import Policy, judge, load_policy
 from featherstone_gait.judge.doubts import draw_worlds
@@ -27,7 +29,7 @@ from featherstone_gait.judge.observation import Observer
 from featherstone_gait.judge.run import HARD
 from featherstone_gait.robot_file.servos import without_actuators
 
-OUT = Path(__file__).parent / "reproduction" / "judged_policies.csv"
+OUT = Path(__file__).parent / "reproduction"
 COMMAND, WORLDS, SECONDS, AGAIN = (0.5, 0.0, 0.0), 100, 8.0, 16
 FINE, SAMPLE, FALLEN = 2e-4, 0.02, 0.7  # [s], [s], cosine of the tilt
 PLAIN = {"worlds": {"ground": {"friction": {"kind": "uniform", "scale": 1e-9}}}}  # eight times the same world
@@ -38,6 +40,10 @@ OTHERS = {"go1": ("Unitree Go1", "go1"), "berkeley_humanoid": ("Berkeley Humanoi
 PRESET = load_servo("xl330")
 HALVED = replace(PRESET, controller=replace(PRESET.controller, Kp=0.5 * PRESET.controller.Kp))
 SERVOS = {"of the file": None, "xl330, P gain 400": PRESET, "xl330, P gain 200": HALVED}
+DUCK_SERVOS = {"of the file": None, "sts3215": load_servo("sts3215")}
+DUCK_SERVOS |= {f"sts3215, {ms} ms late": load_servo("sts3215", delay=1e-3 * ms) for ms in (20, 40, 60)}
+DUCK_SERVOS["sts3215, 60 ms late, 3 rad/s"] = load_servo("sts3215", delay=0.06, profile_speed=3.0)
+DUCK_SPEEDS, DUCK_WORLDS = (0.15, 0.08), 200  # [m/s]: the most that it was trained for, and what a builder asked of it
 
 
 def nominal(xml: Path, model: Model, policy: Policy) -> dict[str, float]:
@@ -91,39 +97,65 @@ def turned(q: np.ndarray) -> complex:
     return number / abs(number)
 
 
-def row(robot: str, label: str, servo: str, xml: Path, network: Path, description: str | None) -> dict[str, Any]:
+def row(
+    robot: str, label: str, kind: str, servo: Servo | None, xml: Path, network: Path, description: str,
+    speed: float = COMMAND[0], worlds: int = WORLDS,
+) -> dict[str, Any]:  # fmt: skip
     """Judge one policy on one robot with one kind of servo."""
     model = load_robot(xml, contacts="feet")
-    own = model.servos if SERVOS[servo] is None else dict.fromkeys(model.servos, SERVOS[servo])
+    own = model.servos if servo is None else dict.fromkeys(model.servos, servo)
     driven = replace(without_actuators(model, own), servos=own)
     policy = load_policy(network, model, description)
-    record = judge(policy, driven, WORLDS, SECONDS, COMMAND, again=AGAIN)
+    record = judge(policy, driven, worlds, SECONDS, (speed, 0.0, 0.0), again=AGAIN)
     counts = {name: int((record.verdicts == name).sum()) for name in ("walks", "stands", "falls", "unknown")}
     low, high = record.interval
     figures = {"speed": "speed", "power": "power", "J_per_m": "energy_per_way", "transport": "cost_of_transport"}
-    found = {"robot": robot, "policy": label, "servo": servo, "verdict": record.verdict, **counts, "low": low,
-             "high": high, "same": record.agreement.same, "again": AGAIN, "why": record.why(),
+    found = {"robot": robot, "policy": label, "servo": kind, "command": speed, "worlds": worlds,
+             "verdict": record.verdict, **counts, "low": low, "high": high, "same": record.agreement.same,
+             "again": AGAIN, "why": record.why(), "time": float(np.median(record.worlds["time"])),
              **{name: record.spread(figure)[0] for name, figure in figures.items()}}  # fmt: skip
-    found |= nominal(xml, model, policy) if servo == "of the file" else {}
+    found |= nominal(xml, model, policy) if kind == "of the file" and speed == COMMAND[0] else {}
     print({name: value for name, value in found.items() if name != "why"}, flush=True)
     return found
 
 
-def main(microduck: str, playground: str) -> None:
-    """Judge all policies, and write the table."""
-    warnings.simplefilter("ignore")  # of what the readers leave out
+def write(name: str, rows: list[dict[str, Any]]) -> None:
+    """Write rows as a table of docs/reproduction."""
+    columns = [*dict.fromkeys(name for one in rows for name in one)]
+    cells = ([one.get(name, "") for name in columns] for one in rows)
+    write_csv(OUT / name, Format("judged policies", 1), columns, cells, end="\n")
+
+
+def open_duck(playground: str, network: str) -> None:
+    """Judge a policy of the Open Duck on servos of which some are as late as a builder measured."""
+    xml = Path(playground) / "playground" / "open_duck_mini_v2" / "xmls" / "scene_flat_terrain.xml"
+    given = ("Open Duck Mini v2", "BEST_WALK_ONNX_2")
+    rows = [
+        row(*given, kind, servo, xml, Path(network), "open_duck_mini_v2", speed, DUCK_WORLDS)
+        for speed in DUCK_SPEEDS for kind, servo in DUCK_SERVOS.items()
+    ]  # fmt: skip
+    write("judged_duck.csv", rows)
+
+
+def others(microduck: str, playground: str) -> None:
+    """Judge ten policies of six robots."""
     duck, root = Path(microduck), Path(playground) / "mujoco_playground"
     rows = [
-        row("Microduck", label, servo, duck / "fk" / "scene.xml", duck / "policies" / f"{name}.onnx", "microduck")
-        for servo in SERVOS for label, name in DUCKS.items()
+        row("Microduck", label, kind, servo, duck / "fk" / "scene.xml", duck / "policies" / f"{name}.onnx", "microduck")
+        for kind, servo in SERVOS.items() for label, name in DUCKS.items()
     ]  # fmt: skip
     for robot, (name, short) in OTHERS.items():
         xml = root / "_src" / "locomotion" / robot / "xmls" / "scene_mjx_feetonly_flat_terrain.xml"
         network = root / "experimental" / "sim2sim" / "onnx" / f"{short}_policy.onnx"
-        rows.append(row(name, short, "of the file", xml, network, robot))
-    columns = [*dict.fromkeys(name for one in rows for name in one)]
-    cells = ([one.get(name, "") for name in columns] for one in rows)
-    write_csv(OUT, Format("judged policies", 1), columns, cells, end="\n")
+        rows.append(row(name, short, "of the file", None, xml, network, robot))
+    write("judged_policies.csv", rows)
+
+
+def main(microduck: str, playground: str, duck: str, network: str) -> None:
+    """Judge all policies, and write the tables."""
+    warnings.simplefilter("ignore")  # of what the readers leave out
+    open_duck(duck, network)
+    others(microduck, playground)
 
 
 if __name__ == "__main__":
