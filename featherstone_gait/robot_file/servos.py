@@ -81,7 +81,8 @@ def without_actuators(model: Model, servos: Mapping[str, Servo]) -> Model:
         name for name, servo in servos.items()
         if servo.motor_constant and name in model.servos and not model.servos[name].motor_constant
     }  # fmt: skip
-    zeros = dict.fromkeys(("armature", "damping", "friction", "quadratic_damping", "cubic_damping"), 0.0)
+    numbers = ("armature", "damping", "friction", "quadratic_damping", "cubic_damping")
+    zeros: dict[str, Any] = dict.fromkeys(numbers, 0.0)
     joints = tuple(replace(joint, **zeros) if joint.name in gone else joint for joint in model.joints)
     if joints == model.joints:
         return model

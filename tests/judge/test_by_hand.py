@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from little_biped import little_biped
 
 from featherstone_gait import Ground, Session, compile_scene, load_robot, standing_state
+from featherstone_gait.benchmark.little_biped import little_biped
 from featherstone_gait.judge import Policy, PolicyDescription, judge
 from featherstone_gait.judge.description import Action, Block
 from featherstone_gait.judge.doubts import draw_worlds
