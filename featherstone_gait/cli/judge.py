@@ -10,7 +10,7 @@ Takes about a minute for 200 worlds of 10 s on two cores, compiling aside.
 
   featherstone-gait judge humanoid_gait.npz --robot humanoid --worlds 16
   featherstone-gait judge my_gait.csv --robot my_biped.urdf --servo ax12a
-  featherstone-gait judge walk.onnx --robot scene.xml --servo xl330,sts3215,my_servo.toml
+  featherstone-gait judge walk.onnx --robot scene.xml --servo xl330,mine.toml
 """
 
 from __future__ import annotations
