@@ -1,7 +1,9 @@
-"""Judge published policies: `python docs/judged.py MICRODUCK PLAYGROUND`, folders of two public repositories.
+"""Judge published policies: `python docs/judged.py MICRODUCK PLAYGROUND OPEN_DUCK WALK`, of public repositories.
 
 MICRODUCK is apirrone/microduck_runtime at 718cb2e, PLAYGROUND google-deepmind/mujoco_playground at d5e6b47 with the
-meshes that it fetches (they are drawn only).  Writes docs/reproduction/judged_policies.csv in some ten minutes.
+meshes that it fetches (they are drawn only), OPEN_DUCK apirrone/Open_Duck_Playground at f82b5e7, and WALK a folder with
+BEST_WALK_ONNX_2.onnx of apirrone/Open_Duck_Mini (SHA-256 3c606f93...).  Writes judged_policies.csv and judged_duck.csv
+of docs/reproduction in some ten minutes.
 
 Each policy drives its robot in 100 worlds of 8 s, at a command of 0.5 m/s ahead.  Where the servos are the position
 actuators of the robot's file, it also drives it on a floor without any draw, here and in MuJoCo, at the file's step and
@@ -14,19 +16,20 @@ import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from featherstone_gait import Ground, Model, compile_scene, load_robot, load_servo, standing_state
-from featherstone_gait.base.files import Format, write_csv
+from featherstone_gait import Ground, Model, Servo, Session, compile_scene, load_robot, load_servo, standing_state
+from featherstone_gait.base.files import FilePath, Format, write_csv
 from featherstone_gait.judge import Policy, judge, load_policy
 from featherstone_gait.judge.doubts import draw_worlds
 from featherstone_gait.judge.observation import Observer
 from featherstone_gait.judge.run import HARD
+from featherstone_gait.robot_file.servos import without_actuators
 
-OUT = Path(__file__).parent / "reproduction" / "judged_policies.csv"
+OUT = Path(__file__).parent / "reproduction"
 COMMAND, WORLDS, SECONDS, AGAIN = (0.5, 0.0, 0.0), 100, 8.0, 16
 FINE, SAMPLE, FALLEN = 2e-4, 0.02, 0.7  # [s], [s], cosine of the tilt
 PLAIN = {"worlds": {"ground": {"friction": {"kind": "uniform", "scale": 1e-9}}}}  # eight times the same world
@@ -37,6 +40,10 @@ OTHERS = {"go1": ("Unitree Go1", "go1"), "berkeley_humanoid": ("Berkeley Humanoi
 PRESET = load_servo("xl330")
 HALVED = replace(PRESET, controller=replace(PRESET.controller, Kp=0.5 * PRESET.controller.Kp))
 SERVOS = {"of the file": None, "xl330, P gain 400": PRESET, "xl330, P gain 200": HALVED}
+DUCK_SERVOS = {"of the file": None, "sts3215": load_servo("sts3215")}
+DUCK_SERVOS |= {f"sts3215, {ms} ms late": load_servo("sts3215", delay=1e-3 * ms) for ms in (20, 40)}
+PITCHING = "hip_pitch", "knee", "ankle"  # joints of which the builder states how they follow
+DUCK_SPEEDS, DUCK_WORLDS = (0.15, 0.08), 200  # [m/s]: the most that it was trained for, and what a builder asked of it
 
 
 def nominal(xml: Path, model: Model, policy: Policy) -> dict[str, float]:
@@ -90,38 +97,108 @@ def turned(q: np.ndarray) -> complex:
     return number / abs(number)
 
 
-def row(robot: str, label: str, servo: str, xml: Path, network: Path, description: str | None) -> dict[str, Any]:
+class Published(NamedTuple):
+    """A policy of others: where it and its robot are, what it observes, and the speed that is asked of it [m/s]."""
+
+    robot: str
+    label: str
+    xml: Path
+    network: Path
+    description: str
+    speed: float = COMMAND[0]
+
+
+def published(microduck: FilePath, playground: FilePath, duck: FilePath, walk: FilePath) -> list[Published]:
+    """Return all policies, from folders of the four repositories."""
+    ducks, root = Path(microduck), Path(playground) / "mujoco_playground"
+    found = [
+        Published("Microduck", label, ducks / "fk" / "scene.xml", ducks / "policies" / f"{name}.onnx", "microduck")
+        for label, name in DUCKS.items()
+    ]
+    for robot, (name, short) in OTHERS.items():
+        xml = root / "_src" / "locomotion" / robot / "xmls" / "scene_mjx_feetonly_flat_terrain.xml"
+        network = root / "experimental" / "sim2sim" / "onnx" / f"{short}_policy.onnx"
+        found.append(Published(name, short, xml, network, robot))
+    xml = Path(duck) / "playground" / "open_duck_mini_v2" / "xmls" / "scene_flat_terrain.xml"
+    label, best = "Open Duck Mini v2", "BEST_WALK_ONNX_2"
+    return [*found, Published(label, best, xml, Path(walk) / f"{best}.onnx", "open_duck_mini_v2", DUCK_SPEEDS[0])]
+
+
+def row(one: Published, kind: str, servo: Servo | None, worlds: int = WORLDS) -> dict[str, Any]:
     """Judge one policy on one robot with one kind of servo."""
-    model = load_robot(xml, contacts="feet")
-    driven = model if SERVOS[servo] is None else replace(model, servos=dict.fromkeys(model.servos, SERVOS[servo]))
-    policy = load_policy(network, model, description)
-    record = judge(policy, driven, WORLDS, SECONDS, COMMAND, again=AGAIN)
+    model = load_robot(one.xml, contacts="feet")
+    own = model.servos if servo is None else dict.fromkeys(model.servos, servo)
+    driven = replace(without_actuators(model, own), servos=own)
+    policy = load_policy(one.network, model, one.description)
+    record = judge(policy, driven, worlds, SECONDS, (one.speed, 0.0, 0.0), again=AGAIN)
     counts = {name: int((record.verdicts == name).sum()) for name in ("walks", "stands", "falls", "unknown")}
     low, high = record.interval
     figures = {"speed": "speed", "power": "power", "J_per_m": "energy_per_way", "transport": "cost_of_transport"}
-    found = {"robot": robot, "policy": label, "servo": servo, "verdict": record.verdict, **counts, "low": low,
-             "high": high, "same": record.agreement.same, "again": AGAIN, "why": record.why(),
-             **{name: record.spread(figure)[0] for name, figure in figures.items()}}  # fmt: skip
-    found |= nominal(xml, model, policy) if servo == "of the file" else {}
+    found = {"robot": one.robot, "policy": one.label, "servo": kind, "command": one.speed, "worlds": worlds,
+             "verdict": record.verdict, **counts, "low": low, "high": high, "same": record.agreement.same,
+             "again": AGAIN, "why": record.why(), "time": float(np.median(record.worlds["time"])),
+             **{name: "" if record.walking == 0 else record.spread(figure)[0] for name, figure in figures.items()}}
+    found |= nominal(one.xml, model, policy) if kind == "of the file" and one.speed == COMMAND[0] else {}
     print({name: value for name, value in found.items() if name != "why"}, flush=True)
     return found
 
 
-def main(microduck: str, playground: str) -> None:
-    """Judge all policies, and write the table."""
-    warnings.simplefilter("ignore")  # of what the readers leave out
-    duck, root = Path(microduck), Path(playground) / "mujoco_playground"
-    rows = [
-        row("Microduck", label, servo, duck / "fk" / "scene.xml", duck / "policies" / f"{name}.onnx", "microduck")
-        for servo in SERVOS for label, name in DUCKS.items()
-    ]  # fmt: skip
-    for robot, (name, short) in OTHERS.items():
-        xml = root / "_src" / "locomotion" / robot / "xmls" / "scene_mjx_feetonly_flat_terrain.xml"
-        network = root / "experimental" / "sim2sim" / "onnx" / f"{short}_policy.onnx"
-        rows.append(row(name, short, "of the file", xml, network, robot))
+def targets(one: Published, servo: Servo) -> np.ndarray:
+    """Return the references (steps, joints) [rad] that a policy sends on a plain floor."""
+    model, kept = load_robot(one.xml, contacts="feet"), []
+    own = dict.fromkeys(model.servos, servo)
+    policy = load_policy(one.network, model, one.description)
+    said, act = policy.description, policy.act
+    told = replace(policy, act=lambda x: kept.append(act(x)) or kept[-1])
+    judge(told, replace(without_actuators(model, own), servos=own), 8, SECONDS, (one.speed, 0.0, 0.0), doubts=PLAIN,
+          again=0)  # fmt: skip
+    found, most = [np.array(said.pose)], said.action.max_speed / said.rate
+    for actions in kept:
+        wanted = said.pose + np.asarray(said.action.scale) * actions[0]
+        found.append(np.clip(wanted, found[-1] - most, found[-1] + most))
+    return np.array(found[1:])
+
+
+def following(one: Published, servo: Servo | None, sent: np.ndarray) -> dict[str, float]:
+    """Return how pitching joints follow references (steps, joints) on a robot that is hung up.
+
+    Of the joints the least and the largest: 95th percentile of the error [rad], and lag in steps of the policy.
+    """
+    model = load_robot(one.xml, base="fixed")
+    own = model.servos if servo is None else dict.fromkeys(model.servos, servo)
+    scene = compile_scene(replace(without_actuators(model, own), servos=own), "rotor", None, "midpoint", 1e-3)
+    joints = load_policy(one.network, model, one.description).description.joints
+    columns = [scene.model.joint_names.index(name) for name in joints]
+    given, seen = np.zeros((len(sent), len(columns))), []
+    given[:, columns] = sent
+    with Session(scene, 1, observe=("q",)) as session:
+        for values in given:
+            seen.append(session.step(values[None], ticks=round(SAMPLE / session.tick))["q"][0].copy())
+    pitching = [k for k, name in enumerate(scene.model.joint_names) if any(part in name for part in PITCHING)]
+    wanted, did, begin = given[:, pitching], np.array(seen)[:, pitching], 50
+    late = [((wanted[begin - k : len(wanted) - k] - did[begin:]) ** 2).mean(axis=0) for k in range(10)]
+    errors, lags = np.quantile(np.abs(wanted - did)[begin:], 0.95, axis=0), np.argmin(late, axis=0)
+    return {"error_low": errors.min(), "error_high": errors.max(), "lag_low": lags.min(), "lag_high": lags.max()}
+
+
+def write(name: str, rows: list[dict[str, Any]]) -> None:
+    """Write rows as a table of docs/reproduction."""
     columns = [*dict.fromkeys(name for one in rows for name in one)]
     cells = ([one.get(name, "") for name in columns] for one in rows)
-    write_csv(OUT, Format("judged policies", 1), columns, cells, end="\n")
+    write_csv(OUT / name, Format("judged policies", 1), columns, cells, end="\n")
+
+
+def main(*folders: str) -> None:
+    """Judge all policies, and write the tables: the Open Duck's also as late as a builder measured its servos."""
+    warnings.simplefilter("ignore")  # of what the readers leave out
+    *others, duck = published(*folders)
+    sent = targets(duck, DUCK_SERVOS["sts3215"])
+    followed = {kind: following(duck, servo, sent) for kind, servo in DUCK_SERVOS.items()}
+    asked = [(duck._replace(speed=speed), *servo) for speed in DUCK_SPEEDS for servo in DUCK_SERVOS.items()]
+    write("judged_duck.csv", [row(*each, DUCK_WORLDS) | followed[each[1]] for each in asked])
+    small = [one for one in others if one.robot == "Microduck"]
+    rows = [row(one, *servo) for servo in SERVOS.items() for one in small]
+    write("judged_policies.csv", rows + [row(one, "of the file", None) for one in others if one not in small])
 
 
 if __name__ == "__main__":

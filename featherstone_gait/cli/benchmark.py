@@ -47,6 +47,7 @@ BENCHMARKS = {
     "stress": Benchmark("whether a run that is wrong says so", "stress.csv, stress.png", 5),
     "skip": Benchmark("instructions that a missing feature saves (Linux)", "skip.csv", 3),
     "session": Benchmark("robots stepped tick by tick, beside one call", "session.csv", 2),
+    "judge": Benchmark("policies judged in many worlds: speed, and where it goes", "judge.csv", 2),
     "linearize": Benchmark("columns of a linear model, beside MuJoCo's", "linearize.csv", 2),
     "gradients": Benchmark("gradients of runs, beside MuJoCo's and Pinocchio's", "gradients.csv", 5),
     "objects": Benchmark("robots that carry, tread on, are hit; beside MuJoCo", "objects.csv", 3),

@@ -142,6 +142,7 @@ def _swinging(args: Namespace) -> Model:
     from ..base.arguments import real
     from ..identification.bench import BENCHES, pendulum
     from ..robot_file import load_robot, load_servo
+    from ..robot_file.servos import without_actuators
 
     if args.robot is not None:
         if args.mass is not None or args.length is not None:
@@ -149,7 +150,8 @@ def _swinging(args: Namespace) -> Model:
         model = load_robot(args.robot)
         if args.servo is None:
             return model
-        return replace(model, servos=dict.fromkeys(model.joint_names, load_servo(args.servo)))
+        servos = dict.fromkeys(model.joint_names, load_servo(args.servo))
+        return replace(without_actuators(model, servos), servos=servos)
     if args.servo is None:
         raise ValueError("the servo is missing; name it (--servo), or a robot that has it (--robot)")
     servo, bench = load_servo(args.servo), BENCHES.get(args.servo)

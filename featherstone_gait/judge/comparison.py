@@ -1,13 +1,25 @@
-"""Put judgments beside each other: several policies, or one on several servos."""
+"""Put judgments beside each other: several policies, one on several servos, or both."""
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from .judgment import LINE, Judgment
+
+
+class Paired(NamedTuple):
+    """Compare two judgments world by world."""
+
+    first: int  # worlds in which only the first walks
+    second: int  # only the second
+    chance: float  # of so uneven a pair of numbers where neither is better (Q. McNemar, Psychometrika 12 (1947), exact)
+    both: int  # worlds in which both walk
+    ratio: tuple[float, float, float]  # median and quartiles, over these, of J/m of the first by that of the second
 
 
 def compare(records: Sequence[Judgment]) -> str:
@@ -16,13 +28,14 @@ def compare(records: Sequence[Judgment]) -> str:
     Parameters
     ----------
     records
-        What `judge` has returned.  Of the same robot, seed and number of worlds, the worlds are the same ones, and it
-        is counted in how many only one of two policies walks.
+        What `judge` has returned.  Of the same robot, seed and number of worlds, the worlds are the same ones, and each
+        two are compared world by world.
 
     Returns
     -------
     str
-        A row for each, why each fails, and for each two the worlds in which only one walks.
+        A row for each, with quartiles of the energy by way; why each fails; and for each two the worlds in which only
+        one walks, and by how much the energy differs where both walk.
 
     Raises
     ------
@@ -31,24 +44,61 @@ def compare(records: Sequence[Judgment]) -> str:
     """
     if len(records) < 2:
         raise ValueError(f"records has {len(records)}; give two judgments or more")
-    names = [f"{k + 1} {one.policy}" for k, one in enumerate(records)]
-    lines = [f"{'policy':24}{'verdict':>11}{'walks':>7}{'95 %':>14}{'m/s':>9}{'W':>7}{'J/m':>7}"]
+    names = _names(records)
+    heads = f"{'':16}{'verdict':>10}{'walks':>7}{'95 %':>13}{'m/s':>8}{'W':>6}{'J/m':>6}{'quartiles':>13}"
+    lines = [heads]
     for name, one in zip(names, records):
         low, high = one.interval
-        speed, power, cost = (one.spread(figure)[0] for figure in ("speed", "power", "energy_per_way"))
-        share = f"{100 * low:.0f} to {100 * high:.0f} %"
-        walks = f"{100 * one.share:.0f} %"
-        lines.append(f"{name[:23]:24}{one.verdict:>11}{walks:>7}{share:>14}{speed:9.3g}{power:7.3g}{cost:7.3g}")
-    lines.append("")
-    for name, one in zip(names, records):
-        lines.append(textwrap.fill(f"{name} on {one.servo}: {one.why()}", LINE, subsequent_indent="  "))
-    for a, first in enumerate(records):
-        for b, second in enumerate(records[:a]):
-            if _same_worlds(first, second):
-                one, other = first.verdicts == "walks", second.verdicts == "walks"
-                only = int(np.sum(one & ~other)), int(np.sum(other & ~one))
-                lines.append(f"{a + 1} walks in {only[0]} worlds in which {b + 1} does not, {b + 1} in {only[1]}")
-    return "\n".join(lines)
+        speed, power = (one.spread(figure)[0] for figure in ("speed", "power"))
+        cost, first, last = one.spread("energy_per_way")
+        share, walks = f"{100 * low:.0f} to {100 * high:.0f} %", f"{100 * one.share:.0f} %"
+        spread = f"{first:.3g} to {last:.3g}"
+        lines.append(
+            f"{name[:15]:16}{one.verdict:>10}{walks:>7}{share:>13}{speed:8.3g}{power:6.3g}{cost:6.3g}{spread:>13}"
+        )
+    said = [f"{name} on {one.servo}: {one.why()}" for name, one in zip(names, records)]
+    for a in range(len(records)):
+        for b in range(a):
+            found = paired(records[a], records[b])
+            if found is not None:
+                said.append(_said(a + 1, b + 1, found))
+    return "\n".join([*lines, "", *(textwrap.fill(text, LINE, subsequent_indent="  ") for text in said)])
+
+
+def paired(first: Judgment, second: Judgment) -> Paired | None:
+    """Compare two judgments world by world; None if their worlds differ in more than the numbers of servos."""
+    if not _same_worlds(first, second):
+        return None
+    one, other = first.verdicts == "walks", second.verdicts == "walks"
+    only = int((one & ~other).sum()), int((other & ~one).sum())
+    costs = (record.worlds["energy_per_way"][one & other] for record in (first, second))
+    ratio = np.divide(*costs)
+    low, middle, high = np.quantile(ratio, (0.25, 0.5, 0.75)).tolist() if len(ratio) else (math.nan,) * 3
+    return Paired(*only, _chance(*only), len(ratio), (middle, low, high))
+
+
+def _said(a: int, b: int, found: Paired) -> str:
+    """Say what differs between judgments of these numbers."""
+    text = f"{a} walks in {found.first} worlds in which {b} does not, {b} in {found.second}"
+    if found.first != found.second:
+        text += f" (chance {found.chance:.2g} if neither were better)"
+    if found.both:
+        middle, low, high = found.ratio
+        text += f"; where both walk, in {found.both}, {a} takes {middle:.3g} times the J/m ({low:.3g} to {high:.3g})"
+    return text
+
+
+def _chance(a: int, b: int) -> float:
+    """Return the chance that of a + b worlds, each as likely to be of either kind, so few or fewer are of one."""
+    n = a + b
+    return min(1.0, 2.0 * sum(math.comb(n, k) for k in range(min(a, b) + 1)) / 2**n)
+
+
+def _names(records: Sequence[Judgment]) -> list[str]:
+    """Name judgments by what differs: their policies or their servos, else the policies; numbered."""
+    policies = {one.policy for one in records}
+    by_servo = len(policies) == 1 and len({one.servo for one in records}) > 1
+    return [f"{k + 1} {one.servo if by_servo else one.policy}" for k, one in enumerate(records)]
 
 
 def _same_worlds(a: Judgment, b: Judgment) -> bool:

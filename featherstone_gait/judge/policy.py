@@ -197,6 +197,7 @@ def _of_network(path: Path, model: Model, given: FilePath | PolicyDescription | 
             one.type.tensor_type.shape.dim[0].dim_param = "worlds"
         options = SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4  # errors are raised, and need not be printed too
         session = InferenceSession(network.SerializeToString(), options, providers=["CPUExecutionProvider"])
     except Exception as error:
         raise ValueError(
@@ -213,14 +214,26 @@ def _of_network(path: Path, model: Model, given: FilePath | PolicyDescription | 
                 f"{'observation' if what == 'observes' else 'joints'}"
             )
 
+    def answer(observations: np.ndarray) -> np.ndarray:
+        return session.run([output.name], {inputs.name: observations})[0]
+
+    rows = ROWS if _takes(answer, ROWS, description.size) else 1
+
     def act(observations: np.ndarray) -> np.ndarray:
         n = len(observations)
-        padded = np.zeros((-(-n // ROWS) * ROWS, observations.shape[1]), np.float32)
+        padded = np.zeros((-(-n // rows) * rows, observations.shape[1]), np.float32)
         padded[:n] = observations
-        parts = [session.run([output.name], {inputs.name: padded[k : k + ROWS]})[0] for k in range(0, n, ROWS)]
-        return np.concatenate(parts)[:n].astype(float)
+        return np.concatenate([answer(padded[k : k + rows]) for k in range(0, n, rows)])[:n].astype(float)
 
     return Policy(act, description, path.stem)
+
+
+def _takes(answer: Callable[[np.ndarray], np.ndarray], rows: int, size: int) -> bool:
+    """Return whether a network answers so many observations at once; within, some keep the one row of their export."""
+    try:
+        return len(answer(np.zeros((rows, size), np.float32))) == rows
+    except Exception:  # of its library, which has no common class for them
+        return False
 
 
 def clean(error: Exception) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.arguments import instance
+from ..base.brief import some
 from ..base.files import FilePath
 from ..base.flaws import quoted
 from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Model, Servo
@@ -61,9 +62,33 @@ _FIGURES = tuple(f.name for f in fields(ManualPoint))
 
 
 def with_servo(model: Model, servo: FilePath, **overrides: Any) -> Model:
-    """Return the robot with one servo in all joints that turn or have one; servo, overrides: as in `load_servo`."""
+    """Return the robot with one servo in all joints that turn or have one; servo, overrides: as in `load_servo`.
+
+    What stood for the servo before goes (`without_actuators`).
+    """
     turning = [joint.name for joint in model.degrees.joints if joint.type in ("revolute", "continuous")]
-    return replace(model, servos=dict.fromkeys([*turning, *model.servos], load_servo(servo, **overrides)))
+    own = dict.fromkeys([*turning, *model.servos], load_servo(servo, **overrides))
+    return replace(without_actuators(model, own), servos=own)
+
+
+def without_actuators(model: Model, servos: Mapping[str, Servo]) -> Model:
+    """Return the robot whose joints have no losses and inertia of the actuators that servos with motors replace.
+
+    A position actuator of MJCF has no motor: its rotor is the joint's armature, and its losses are the joint's damping
+    and friction, which a servo's motor, gear and friction would count a second time.
+    """
+    gone = {
+        name for name, servo in servos.items()
+        if servo.motor_constant and name in model.servos and not model.servos[name].motor_constant
+    }  # fmt: skip
+    numbers = ("armature", "damping", "friction", "quadratic_damping", "cubic_damping")
+    zeros: dict[str, Any] = dict.fromkeys(numbers, 0.0)
+    joints = tuple(replace(joint, **zeros) if joint.name in gone else joint for joint in model.joints)
+    if joints == model.joints:
+        return model
+    changed = some([one.name for one, other in zip(joints, model.joints) if one != other], 3)
+    note = f"left out armature, damping and friction of joints whose actuators servos replace: {changed}"
+    return replace(model, joints=joints, notes=(*model.notes, note))
 
 
 def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: Any) -> Servo:

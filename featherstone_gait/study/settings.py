@@ -42,6 +42,7 @@ from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
 from ..model import SERVO_UNITS, Gearbox, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
+from ..robot_file.servos import without_actuators
 from ..robot_file.toml import check_keys, table_of, written
 from ..run.worlds import servo_with
 from ..scene.actuator import servo_gearbox
@@ -431,7 +432,8 @@ def servos_with(model: Model, values: dict[str, Any]) -> Model:
     if gearbox is not None and kind is None:
         raise ValueError("servo.gearbox is a preset of a servo type and none is given: add servo.type")
     if kind is not None:
-        return replace(model, servos=dict.fromkeys(model.joint_names, load_servo(kind, gearbox or "physical", **given)))
+        servos = dict.fromkeys(model.joint_names, load_servo(kind, gearbox or "physical", **given))
+        return replace(without_actuators(model, servos), servos=servos)
     if not model.servos:
         raise ValueError(f"{model.name} has no servos to change; add servo.type")
     return replace(model, servos={joint: servo_with(servo, given) for joint, servo in model.servos.items()})

@@ -16,7 +16,7 @@ from dataclasses import replace
 from ..base.arguments import instance, real
 from ..dynamics import check_model
 from ..model import Model, Servo
-from ..robot_file.servos import load_servo
+from ..robot_file.servos import load_servo, without_actuators
 
 MASS, LEG = 2.423, 0.203  # of the Bioloid, which AX-12 servos carry: `robots/humanoid` [kg, m]
 HEIGHT = 0.2226  # of its center of mass, standing [m]
@@ -76,4 +76,5 @@ def with_generic_servos(model: Model, leg: float, servo: Servo | None = None, ma
     known = load_servo("ax12") if servo is None else servo
     own = scaled_servo(known, margin * model.mass * leg / (MASS * LEG), math.sqrt(LEG / leg))
     turning = [joint.name for joint in model.moving_joints if joint.type in ("revolute", "continuous")]
-    return replace(model, servos={**model.servos, **dict.fromkeys(turning, own)})
+    servos = {**model.servos, **dict.fromkeys(turning, own)}
+    return replace(without_actuators(model, servos), servos=servos)

@@ -1,5 +1,6 @@
 """Policies judged in many worlds: the humanoid with its stored gait, and with policies that fail."""
 
+import csv
 import itertools
 import json
 import math
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 from browser import found_in
 
-from featherstone_gait import Ground, Session, cli, compile_scene, controller, load_robot, standing_state
+from featherstone_gait import Ground, Session, cli, compile_scene, controller, load_robot, load_servo, standing_state
 from featherstone_gait.dynamics import center_of_mass, contact_positions_at, forward_kinematics
 from featherstone_gait.judge import Policy, PolicyDescription, compare, judge, load_policy
+from featherstone_gait.judge.comparison import paired
 from featherstone_gait.judge.description import Action, Block
 from featherstone_gait.judge.doubts import draw_worlds
 from featherstone_gait.judge.page import report_of
@@ -385,3 +387,46 @@ def test_the_command_writes_a_row_for_each_world(tmp_path, monkeypatch, capsys):
     }
     assert cli.main([*command, "--command", "1,2"]) == 2
     assert "--command is '1,2'" in capsys.readouterr().err
+
+
+def test_the_command_compares_servos_in_the_same_worlds(tmp_path, capsys):
+    """A servo of the package and one of a file, of the same kind: a set of files for each, and one table."""
+    doubts, weak, sheet = tmp_path / "few.toml", tmp_path / "weak.toml", robots_folder() / "servos" / "ax12.toml"
+    doubts.write_text('[worlds.ground]\nfriction = {kind = "uniform", scale = 0.3}\n', "utf-8")
+    weak.write_text(sheet.read_text("utf-8").replace("\nKp = 61.0", "\nKp = 30.5"), "utf-8")
+    assert load_servo(weak).controller.Kp == 0.5 * load_servo("ax12").controller.Kp
+    command = ["judge", str(GAIT), "--locked", "simplified", "--doubts", str(doubts), "--worlds", "8", "--quiet"]
+    assert cli.main([*command, "--seconds", "0.2", "--servo", f"ax12,{weak}", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "rotor" not in printed.partition("policy")[0]
+    assert "elastic (--gearbox) (weak)" in printed
+    last = printed.rpartition("files:")[2]
+    assert [line.split()[:2] for line in last.splitlines() if line[:1].isdigit()][:2] == [["1", "ax12"], ["2", "weak"]]
+    assert "2 walks in" in last
+    files = [tmp_path / f"optimized_gait_{name}_judgment.csv" for name in ("ax12", "weak")]
+    rows = [list(csv.DictReader(file.read_text("utf-8").splitlines()[1:])) for file in files]
+    assert [row["ground.friction"] for row in rows[0]] == [row["ground.friction"] for row in rows[1]]
+    assert [row["energy"] for row in rows[0]] != [row["energy"] for row in rows[1]]
+    assert all(file.with_suffix(".html").stat().st_size > 5e4 for file in files)
+    assert cli.main([*command, "--servo", "ax12,ax13"]) == 2  # before anything is simulated
+    assert "ax13" in capsys.readouterr().err
+
+
+def test_judgments_are_compared_world_by_world(walked):
+    """Of worlds in which only one walks the exact test of McNemar; of those where both walk the ratio of their J/m."""
+    verdicts = np.array(["walks"] * 12 + ["falls"] * 4)
+    first, dearer = replace(walked, verdicts=verdicts), dict(walked.worlds)
+    dearer["energy_per_way"] = 1.25 * dearer["energy_per_way"]
+    second = replace(walked, verdicts=np.array(["falls"] * 5 + ["walks"] * 8 + ["falls"] * 3), worlds=dearer)
+    found = paired(first, second)
+    assert (found.first, found.second, found.both) == (5, 1, 7)
+    assert found.chance == 2 * (1 + 6) / 2**6
+    assert found.ratio == pytest.approx((0.8, 0.8, 0.8), rel=1e-14)
+    assert paired(first, first).chance == 1.0
+    assert paired(first, replace(second, robot="another")) is None
+    text = compare([replace(first, servo="one"), replace(second, servo="two")])
+    assert [line.split()[1] for line in text.splitlines()[1:3]] == ["one", "two"]  # of one policy their servos
+    assert "in 7, 2 takes 1.25 times the J/m (1.25 to 1.25)" in " ".join(text.split())
+    none = compare([replace(first, verdicts=np.full(16, "falls")), second])  # nothing to divide, and no error
+    assert "times the J/m" not in none
+    assert max(map(len, text.splitlines())) <= 79

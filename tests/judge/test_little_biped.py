@@ -1,18 +1,15 @@
 """A biped of 14 XL330 and a network of our own (`tests/support/little_policy.py` says how it was made)."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from little_biped import little_biped
 from little_policy import answers, gaits, observations, pose_of
 
+from featherstone_gait.benchmark.little_biped import NETWORK, little_biped
 from featherstone_gait.judge import Policy, judge, load_policy
 
 pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
 
-HERE = Path(__file__).parent
 TILT = slice(2, 8)  # of its observations: gravity and rotation
 
 
@@ -23,7 +20,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def network(robot):
-    return load_policy(HERE / "little_biped_walk.onnx", robot, HERE / "little_biped_walk.toml")
+    return load_policy(NETWORK, robot, NETWORK.with_suffix(".toml"))
 
 
 def test_it_is_of_the_size_of_robots_that_publish_policies(robot, network):

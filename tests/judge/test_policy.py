@@ -47,6 +47,25 @@ def test_a_network_answers_all_worlds_and_each_with_the_bits_that_it_has_among_o
         assert policy.actions(seen[:few], 0.0).tobytes() == answers[:few].tobytes()
 
 
+@pytest.mark.parametrize("first", ["refuses several rows", "answers them by one"])
+def test_a_network_that_keeps_the_row_of_its_export_is_asked_row_by_row(first, tmp_path):
+    file, made = tmp_path / "own.onnx", onnx.helper.make_node
+    kept = onnx.load(network(file))
+    if first == "refuses several rows":
+        shape = onnx.numpy_helper.from_array(np.array([1, 10]), "shape")
+        node = made("Reshape", ["sum", "shape"], ["row"])
+    else:
+        shape = onnx.numpy_helper.from_array(np.array([0]), "shape")
+        node = made("Gather", ["sum", "shape"], ["row"], axis=0)
+    kept.graph.initializer.append(shape)
+    kept.graph.node.pop()
+    kept.graph.node.extend([node, made("Tanh", ["row"], ["actions"])])
+    onnx.save(kept, file)
+    seen = np.random.default_rng(1).normal(size=(5, 13))
+    found = load_policy(file, ROBOT, DESCRIPTION).actions(seen, 0.0)
+    assert np.abs(found - np.tanh(seen.astype(np.float32) @ W)).max() < 1e-6
+
+
 def test_what_a_network_says_of_itself_is_taken_and_what_is_given_goes_before(tmp_path):
     says = {
         "joint_names": ",".join(JOINTS), "default_joint_pos": ",".join(["0.100"] * 10), "action_scale": "0.5",

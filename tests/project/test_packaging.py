@@ -55,7 +55,7 @@ def test_the_wheel_holds_package_robots_and_license(distributions):
     with zipfile.ZipFile(path) as wheel:
         names = set(wheel.namelist())
         (metadata,) = (wheel.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
-    kinds = (".py", ".pyi", ".html", ".css", ".js", ".toml", ".typed")
+    kinds = (".py", ".pyi", ".html", ".css", ".js", ".toml", ".onnx", ".typed")
     sources = [p for p in (ROOT / "featherstone_gait").rglob("*") if p.suffix in kinds]
     assert "py.typed" in [p.name for p in sources]
     modules = {str(p.relative_to(ROOT).as_posix()) for p in sources}

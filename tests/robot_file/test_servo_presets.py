@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ from servo_wheel import driven
 
 from featherstone_gait import RobotFileError, RobotFileWarning, cli, load_robot, load_servo
 from featherstone_gait.identification.curve import torque_speed
-from featherstone_gait.robot_file.servos import servo_names, servo_sheet
+from featherstone_gait.model import Controller, Gearbox, Servo
+from featherstone_gait.robot_file.servos import servo_names, servo_sheet, with_servo
 
 NAMES = servo_names()
 SERVOS = Path(__file__).parents[2] / "robots" / "servos"
@@ -187,3 +189,19 @@ def test_the_command_takes_a_voltage_and_a_file(capsys, tmp_path, monkeypatch):
     for arguments in (["ax13"], ["ax12", "--voltage", "-1"], ["ax12", "--voltage", "nan"]):
         assert cli.main(["servos", *arguments, "--out", str(tmp_path)]) == 2
         assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_servo_replaces_rotor_and_losses_of_an_actuator_without_motor():
+    """What MJCF states at the joint for its position actuator is not counted beside the servo's own."""
+    arm = load_robot("ax12_arm")
+    stated = tuple(replace(one, armature=0.0284, damping=0.6, friction=0.05) for one in arm.joints)
+    actuator = Servo(Controller("pd_clamped", Kp=17.8, torque_limit=3.35), Gearbox(1.0))
+    first, *others = arm.joint_names
+    of_file = replace(arm, joints=stated, servos={first: actuator})
+    found = with_servo(of_file, "sts3215")
+    by_name = {one.name: one for one in found.joints}
+    assert by_name[first] == next(one for one in with_servo(arm, "sts3215").joints if one.name == first)
+    assert [by_name[name] for name in others] == [one for one in stated if one.name in others]  # of no actuator
+    assert found.notes[-1].endswith(f"actuators servos replace: {first}")
+    geared = replace(of_file, servos=dict.fromkeys(arm.joint_names, load_servo("ax12a")))  # the joint's are its own
+    assert with_servo(geared, "sts3215").joints == stated

@@ -1,6 +1,6 @@
-"""How `tests/judge/little_biped_walk.onnx` was made: a small network fitted to planned gaits of the little biped.
+"""How `benchmark/little_biped_walk.onnx` was made: a small network fitted to planned gaits of the little biped.
 
-    PYTHONPATH=. python tests/support/little_policy.py tests/judge
+    PYTHONPATH=. python tests/support/little_policy.py featherstone_gait/benchmark
 
 Gaits of five step lengths are planned by preview control (`walking.first_gait`, nothing is searched).  The network has
 one layer of 96 tanh with random weights; the weights of its output are fitted, by least squares, to the angles of the
@@ -12,9 +12,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from little_biped import little_biped
 
 from featherstone_gait import Ground, compile_scene
+from featherstone_gait.benchmark.little_biped import little_biped
 from featherstone_gait.walking.cheapest_plan import first_gait
 
 STEP_TIME, BEGIN = 0.4, 0.25  # [s], share of the stride at which a walk starts

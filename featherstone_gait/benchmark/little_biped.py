@@ -1,4 +1,6 @@
-"""A biped of 25 cm with 14 XL330 servos: two legs of six joints, neck and head; numbers chosen for a printed robot.
+"""Make a biped of 25 cm with 14 XL330 servos: two legs of six joints, neck and head, as a printed robot has them.
+
+A network of our own walks with it, `NETWORK` with the description beside it (`tests/support/little_policy.py`).
 
 A servo weighs 18 g (ROBOTIS e-manual, XL330-M288-T) and is 20 x 34 x 26 mm; a link is a servo with its bracket, 25 g.
 The trunk has a battery, a computer and the servos of hips and neck.
@@ -6,9 +8,13 @@ The trunk has a battery, a computer and the servos of hips and neck.
 
 from __future__ import annotations
 
-from featherstone_gait import load_servo
-from featherstone_gait.model import ContactPoint, Joint, Link, Model
+from pathlib import Path
+from typing import Any
 
+from ..model import ContactPoint, Joint, Link, Model
+from ..robot_file import load_servo
+
+NETWORK = Path(__file__).with_name("little_biped_walk.onnx")
 LIMB = 0.025  # [kg] of a link of a leg
 THIGH, SHIN, SOLE, HIP, HALF = 0.055, 0.055, 0.025, 0.035, 0.03  # lengths, height of ankle, of hip below the trunk [m]
 FOOT = (0.08, 0.046)  # [m]
@@ -22,11 +28,12 @@ CHAIN = {  # joint of a leg: axis, place in its parent, limits [rad], center and
 }
 
 
-def box(mass, x, y, z):
+def box(mass: float, x: float, y: float, z: float) -> tuple[float, ...]:
+    """Return xx, xy, xz, yy, yz, zz of the inertia of a box about its center."""
     return (mass * (y * y + z * z) / 12, 0.0, 0.0, mass * (x * x + z * z) / 12, 0.0, mass * (x * x + y * y) / 12)
 
 
-def little_biped(servo="xl330", **numbers):
+def little_biped(servo: str = "xl330", **numbers: Any) -> Model:
     """Return the robot, with a servo of the package in all joints; numbers: of the servo that differ."""
     links = [Link("trunk", 0.23, (0.0, 0.0, 0.0), box(0.23, 0.05, 0.08, 0.07))]
     joints, points = [], []
