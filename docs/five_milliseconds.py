@@ -25,11 +25,11 @@ ROOT = Path(__file__).parents[1]
 sys.path += [str(ROOT / "tests" / "support"), str(ROOT / "docs")]
 
 from judged import COMMAND, DUCKS, OTHERS, PRESET  # noqa: E402
-from little_biped import little_biped  # noqa: E402
 
 from featherstone_gait import Model, load_robot  # noqa: E402
 from featherstone_gait.base.files import Format, write_csv  # noqa: E402
 from featherstone_gait.benchmark.engines import mujoco, quick_mujoco  # noqa: E402
+from featherstone_gait.benchmark.little_biped import NETWORK, little_biped  # noqa: E402
 from featherstone_gait.crosscheck import Floor, PolicyCheck, crosscheck_policy, standing  # noqa: E402
 from featherstone_gait.crosscheck.in_mujoco import advance, machine_of, place  # noqa: E402
 from featherstone_gait.judge import Policy, judge, load_policy  # noqa: E402
@@ -37,7 +37,6 @@ from featherstone_gait.judge.run import HARD, posture_of, scene_of  # noqa: E402
 from featherstone_gait.scene.compile import CompiledScene  # noqa: E402
 
 OUT = Path(__file__).parent / "reproduction" / "policy_steps.csv"
-NETWORK = ROOT / "tests" / "judge" / "little_biped_walk.onnx"
 WORLDS, SECONDS, SHORT = 8, 4.0, 1.0
 STEPS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3)  # of both engines [s]; the first is the reference
 FLOORS = {5e-3: 9.1e-6, 2e-3: 2.3e-6}  # harder ones: MuJoCo's time constants [s], and penetrations here [m], which are
@@ -187,7 +186,7 @@ def walkers(microduck: Path, playground: Path) -> list[Walker]:
     own = load_policy(NETWORK, biped, NETWORK.with_suffix(".toml"))
     found = [Walker("little biped", "little biped", "walk", biped, own, (0.1, 0.0, 0.0))]
     duck = load_robot(microduck / "fk" / "scene.xml", contacts="feet")
-    duck = replace(duck, servos=dict.fromkeys(duck.servos, PRESET))
+    duck = replace(duck, servos=dict.fromkeys(duck.servos, PRESET))  # armature and friction of its joints stay
     for label, name in DUCKS.items():
         policy = load_policy(microduck / "policies" / f"{name}.onnx", duck, "microduck")
         found.append(Walker("Microduck", "Microduck", label, duck, policy, COMMAND))

@@ -1,13 +1,12 @@
 """A policy in MuJoCo beside the same policy here: two engines, two servos written apart, one loop around both."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from little_biped import little_biped
 
 from featherstone_gait import Controller, Ground, Servo, cli, compile_scene, load_robot, save_robot
+from featherstone_gait.benchmark.little_biped import NETWORK, little_biped
 from featherstone_gait.crosscheck import Floor, crosscheck_policy
 from featherstone_gait.judge import load_policy
 from featherstone_gait.judge.run import scene_of
@@ -17,7 +16,6 @@ from featherstone_gait.robot_file.source import robots_folder
 pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
 
-NETWORK = Path(__file__).parents[1] / "judge" / "little_biped_walk.onnx"
 HOW = {"description": NETWORK.with_suffix(".toml")}
 GAIT = robots_folder() / "humanoid" / "optimized_gait.npz"
 WIDE = {"kind": "uniform", "scale": 0.1}

@@ -1,27 +1,25 @@
 """Judgments on rough ground, and with the control ranges of a robot's file, beside MuJoCo."""
 
 import warnings
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from little_biped import little_biped
 
 from featherstone_gait import Ground, Session, compile_scene, load_robot, simulate, standing_state
+from featherstone_gait.benchmark.little_biped import NETWORK, little_biped
 from featherstone_gait.judge import Policy, PolicyDescription, judge, load_policy
 from featherstone_gait.judge.description import Action, Block
 from featherstone_gait.judge.doubts import draw_worlds
 
 pytestmark = pytest.mark.long
-HERE = Path(__file__).parent
 FRICTION = {"ground": {"friction": {"kind": "uniform", "scale": 0.2}}}
 
 
 @pytest.fixture(scope="module")
 def network():
     pytest.importorskip("onnxruntime")
-    return load_policy(HERE / "little_biped_walk.onnx", little_biped(), HERE / "little_biped_walk.toml")
+    return load_policy(NETWORK, little_biped(), NETWORK.with_suffix(".toml"))
 
 
 def test_it_breaks_on_rough_ground_and_the_roughness_is_named(network):
