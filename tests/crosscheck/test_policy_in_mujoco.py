@@ -57,6 +57,7 @@ def test_position_actuators_of_mjcf_walk_alike_too():
         assert found.mujoco[name] == pytest.approx(found.own.worlds[name], rel=0.05)
 
 
+@pytest.mark.long
 def test_pushes_and_drawn_units_cost_the_same_in_mujoco():
     scene = compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
     doubts = {"worlds": UNITS, "link": {"delay": 0.02, "lost": 0.02}, "pushes": {"speed": 0.1, "every": 0.2}}

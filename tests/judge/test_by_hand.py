@@ -96,6 +96,7 @@ def check(scene, doubts, size, lean, seconds, command):
     return found
 
 
+@pytest.mark.long
 def test_all_numbers_of_a_judgment_are_those_of_the_recorded_channels():
     """Some worlds fall on the way, some joints are saturated, and the way is neither straight nor ahead."""
     scene = compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)

@@ -427,7 +427,7 @@ def test_a_pair_has_as_many_points_as_its_shapes_can_have():
         frozenset({"Box", "Sphere"}): 1, frozenset({"Capsule", "Sphere"}): 1, frozenset({"Cylinder", "Sphere"}): 1,
         frozenset({"Box", "Capsule"}): 2, frozenset({"Capsule", "Cylinder"}): 3, frozenset({"Box", "Cylinder"}): 8,
     }  # fmt: skip
-    assert scene.touching.table.slots[0] == 15
+    assert scene.touching.table.slots[0] == 16
     few = compile_scene(placed, pairs=PairContact(max_points=9))
     assert few.touching.table.slots[0] == 9
     with pytest.raises(ValueError, match="max_points is 7; expected 8 or more"):
