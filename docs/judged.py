@@ -149,8 +149,8 @@ def targets(one: Published, servo: Servo) -> np.ndarray:
     own = dict.fromkeys(model.servos, servo)
     policy = load_policy(one.network, model, one.description)
     said, act = policy.description, policy.act
-    told = replace(policy, act=lambda x: kept.append(act(x)) or kept[-1])
-    judge(told, replace(without_actuators(model, own), servos=own), 8, SECONDS, (one.speed, 0.0, 0.0), doubts=PLAIN,
+    noted = replace(policy, act=lambda x: kept.append(act(x)) or kept[-1])
+    judge(noted, replace(without_actuators(model, own), servos=own), 8, SECONDS, (one.speed, 0.0, 0.0), doubts=PLAIN,
           again=0)  # fmt: skip
     found, most = [np.array(said.pose)], said.action.max_speed / said.rate
     for actions in kept:

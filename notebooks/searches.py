@@ -111,7 +111,7 @@ RULES = {
 
 @dataclass(frozen=True)
 class Condition:
-    """What is searched."""
+    """Hold the settings of a search."""
 
     program: str = OURS
     gearbox: Any = "mipsd"

@@ -1,11 +1,11 @@
 """Measure how fast `judge` is, where its time goes, and what half the step changes.
 
-A biped of 14 XL330 (`little_biped.py`) walks by a network of 96 neurons, and the humanoid with elastic gears by its
-optimized gait, both in the default worlds.  Times are those of the runs, without compiling and without the second runs
-at half the step.  Shares are CPU time of one thread by Python's profiler: the policy; observations and measurements;
-worlds, which are compiled one by one; steps, in Python and in the kernel.  Of the kernel, servos and contact are what a
-step of eight robots without stops has more instructions with servos than without, and standing than in free fall; the
-rest is the tree, its state and energies.
+A biped with 14 servos XL330 (`little_biped.py`) walks by a network of 96 neurons.  The humanoid with elastic gears
+walks by its optimized gait.  Both walk in the default worlds.  Times are those of the runs, without compiling and
+without the second runs at half the step.  Shares are CPU time of one thread by Python's profiler: the policy;
+observations and measurements; worlds, which are compiled one by one; steps, in Python and in the kernel.  Of the
+kernel, servos and contact are what a step of eight robots without stops has more instructions with servos than
+without, and standing than in free fall; the rest is the tree, its state and energies.
 
     featherstone-gait benchmark judge        two minutes
 """

@@ -240,8 +240,8 @@ class Judgment:
             found.append(f"{name[:18]:19}" + "".join(f"{row[k]:12.3g}" for row in rows.values()))
         return found
 
-    def telling(self) -> dict[str, int]:
-        """Return the numbers of two worlds that tell most."""
+    def shown_worlds(self) -> dict[str, int]:
+        """Return the numbers of the median and the worst world, by their captions."""
         found, per_way = {}, self.worlds["energy_per_way"]
         walking = np.flatnonzero(self.verdicts == "walks")
         failing = np.flatnonzero((self.verdicts == "falls") | (self.verdicts == "stands"))
@@ -253,7 +253,7 @@ class Judgment:
             worst = int(failing[np.argmin(self.worlds["time"][failing])])
             found[f"world {worst}, the worst: {self.verdicts[worst]}, {self.worlds['time'][worst]:.3g} s"] = worst
         elif len(ranked) > 1:
-            found[f"world {ranked[-1]}, the dearest: {per_way[ranked[-1]]:.3g} J/m"] = int(ranked[-1])
+            found[f"world {ranked[-1]}, the highest energy: {per_way[ranked[-1]]:.3g} J/m"] = int(ranked[-1])
         return found
 
     def page(self, path: FilePath) -> Page:

@@ -29,12 +29,12 @@ def write_page(judgment: Judgment, path: FilePath) -> Page:
     """Write the page of a judgment, and return it."""
     assert judgment.runs is not None
     assert judgment.scenes is not None
-    told = judgment.telling()
-    numbers = [*told.values()]
+    worlds = judgment.shown_worlds()
+    numbers = [*worlds.values()]
     data: dict[str, Any] = {}
     if numbers:
         scenes, runs = judgment.scenes(numbers), judgment.runs(numbers)
-        data = page_data({caption: Seen(one.model, run, one.ground) for caption, one, run in zip(told, scenes, runs)})
+        data = page_data({caption: Seen(one.model, run, one.ground) for caption, one, run in zip(worlds, scenes, runs)})
     page = Page(render(f"{judgment.policy} on {judgment.robot}", data | {"report": report_of(judgment)}))
     page.save(path)
     return page

@@ -124,7 +124,7 @@ def test_a_world_is_what_a_session_of_it_alone_does(scene):
 
 def test_worlds_that_are_looked_at_again_are_the_same_and_fill_a_page(walked, tmp_path):
     """Those that tell most, and two others: their ways are those of the judgment."""
-    numbers = [*walked.telling().values(), 3, 11]
+    numbers = [*walked.shown_worlds().values(), 3, 11]
     for number, run in zip(numbers, walked.runs(numbers), strict=True):
         assert run.end_time == walked.worlds["time"][number]
         turned = np.diff(np.unwrap(heading(run["base_q"])))
@@ -133,7 +133,7 @@ def test_worlds_that_are_looked_at_again_are_the_same_and_fill_a_page(walked, tm
         assert way.real == pytest.approx(walked.worlds["way"][number], abs=1e-9)
     page = walked.page(tmp_path / "page.html")
     assert page.path.stat().st_size > 1e5
-    assert all(caption in page.html for caption in walked.telling())
+    assert all(caption in page.html for caption in walked.shown_worlds())
 
 
 def steps_of(run, scene):
@@ -175,14 +175,14 @@ def test_steps_are_measured_as_in_the_trajectories_of_the_worlds(walked):
 
 
 LOOK = """
-const told = { wide: document.documentElement.scrollWidth - innerWidth };
-told.views = document.querySelectorAll("#views canvas").length;
-told.tiles = [...document.querySelectorAll(".tile b")].map(e => e.textContent);
-told.bars = document.querySelectorAll("rect.bar").length;
-told.median = document.querySelectorAll("line.median").length;
-told.texts = [...document.querySelectorAll("svg text")].map(e => e.textContent);
-told.fills = getComputedStyle(document.querySelector("rect.bar")).fill;
-return told;
+const seen = { wide: document.documentElement.scrollWidth - innerWidth };
+seen.views = document.querySelectorAll("#views canvas").length;
+seen.tiles = [...document.querySelectorAll(".tile b")].map(e => e.textContent);
+seen.bars = document.querySelectorAll("rect.bar").length;
+seen.median = document.querySelectorAll("line.median").length;
+seen.texts = [...document.querySelectorAll("svg text")].map(e => e.textContent);
+seen.fills = getComputedStyle(document.querySelector("rect.bar")).fill;
+return seen;
 """
 
 
@@ -194,12 +194,12 @@ def test_a_page_fits_a_phone_and_has_the_verdict_before_the_pictures(walked, tmp
     costs = walked.worlds["energy_per_way"][walked.verdicts == "walks"]
     assert sum(chart["counts"]) == np.isfinite(costs).sum()
     assert chart["median"] == np.median(costs)
-    for told in found:
-        assert told["wide"] <= 0
-        assert (told["views"], told["bars"], told["median"]) == (2, len(chart["counts"]), 1)
-        assert told["tiles"][0] == walked.verdict
-        assert {"J/m", "worlds"} <= {*told["texts"]}
-        assert told["fills"] == "rgb(0, 114, 178)"  # the blue of Okabe and Ito
+    for seen in found:
+        assert seen["wide"] <= 0
+        assert (seen["views"], seen["bars"], seen["median"]) == (2, len(chart["counts"]), 1)
+        assert seen["tiles"][0] == walked.verdict
+        assert {"J/m", "worlds"} <= {*seen["texts"]}
+        assert seen["fills"] == "rgb(0, 114, 178)"  # the blue of Okabe and Ito
 
 
 def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked, tmp_path):
@@ -212,10 +212,10 @@ def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked, tmp_
     everything = replace(found, verdicts=np.full(16, "unknown"))
     assert (everything.verdict, math.isnan(everything.share)) == ("undecided", True)
     assert len(everything.table()) > 100
-    assert not everything.telling()
+    assert not everything.shown_worlds()
     assert "too deep" in everything.page(tmp_path / "none.html").html  # which shows no robot
-    assert found.telling()
-    assert all(verdicts[k] != "unknown" for k in found.telling().values())
+    assert found.shown_worlds()
+    assert all(verdicts[k] != "unknown" for k in found.shown_worlds().values())
 
 
 def test_two_judgments_are_compared_in_the_same_worlds(walked, scene):

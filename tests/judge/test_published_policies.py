@@ -29,13 +29,13 @@ POLICIES = judged.published("microduck_runtime", "mujoco_playground", "Open_Duck
 
 
 def copy(path):
-    """Where a file of a repository is; skips the test where there is no copy."""
+    """Return the copy of a file of a repository; skip the test where no folder of copies is named."""
     folder = os.environ.get("PUBLISHED_POLICIES")
     if "PUBLISHED_ROBOTS" not in os.environ or folder is None:
-        pytest.skip("files of others: set PUBLISHED_ROBOTS=1, and PUBLISHED_POLICIES to a folder with copies of them")
+        pytest.skip("these are files of others, in no package: set PUBLISHED_ROBOTS=1 and PUBLISHED_POLICIES=FOLDER")
     found = Path(folder) / path
     if not found.exists():
-        pytest.skip(f"{found} is not there: copy the repository, as docs/judged.py says")
+        pytest.fail(f"{found} is not there: copy the repository to PUBLISHED_POLICIES, as docs/judged.py says")
     return found
 
 
