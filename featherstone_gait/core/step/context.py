@@ -84,6 +84,7 @@ class Scratch(NamedTuple):
     C: np.ndarray  # contact points: see effects/contact.py
     F: np.ndarray  # pushes and what bears weight (bodies, 6)
     pool: tuple | None  # Pool of pairs: see effects/pair.py
+    rows: tuple | None  # Rows of couplings, loops, tendons and pairs: see tree/rows.py
     closing: tuple | None  # Closing of loops: see closure.py
 
 
@@ -131,6 +132,7 @@ class Step(NamedTuple):
     F: np.ndarray
     pool: tuple | None
     part: np.record | None  # TREE of the one of several trees that takes the step
+    rows: tuple | None = None
     closing: tuple | None = None
 
 
@@ -141,7 +143,7 @@ def of_tree(step, part):
         scene=step.scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=part, closing=step.closing,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=part, rows=step.rows, closing=step.closing,
     )  # fmt: skip
 
 
@@ -161,5 +163,6 @@ def with_bodies(step, tree):
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=step.part, closing=step.closing,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=step.part, rows=step.rows,
+        closing=step.closing,
     )  # fmt: skip

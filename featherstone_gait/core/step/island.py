@@ -26,10 +26,8 @@ from ..effects.pair import (
     shift_pair,
     solve_pair,
 )
-from ..effects.tendon import release_tendons
 from ..tree.aba import acceleration_pass
-from ..tree.loop import fill_loops
-from .closure import held_in
+from .closure import joined_by, place_joined
 from .context import of_tree, with_bodies
 from .newton import (
     BISECTIONS,
@@ -53,7 +51,7 @@ from .newton import (
     predict,
     prepare,
 )
-from .row_solver import solve_rows
+from .row_solver import act_together
 
 
 @kernel
@@ -67,7 +65,7 @@ def solve_islands(pairs, step):
         place_tendons_at(part)
         place_fluid(scene.fluid, step.predicted, part)
     external_forces(scene.push, scene.lifts, scene.propellers, step, step.Z[VP])
-    _place_joining(scene.loops, step)
+    place_joined(joined_by(scene.loops), scene.loops, bases_at(step.predicted, step), step)
     if any_lane(step.y[step.offsets.pair] > 0.0) or _joins(scene.loops):
         place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
         find_islands(pairs, step)
@@ -195,15 +193,6 @@ def _label_joined(loops, pool):
         pool.label[loops.table[c].tree_a], pool.label[loops.table[c].tree_b] = least, least
 
 
-@if_present()
-def _place_joining(loops, step):
-    """Fill the rows of loops that join trees, when the bodies of all stand in W."""
-    if loops.joined is not None:
-        own, count = loops.parts[len(loops.parts) - 1].end_loop, len(loops.table)
-        held, bases = held_in(loops, step.offsets, step.y), bases_at(step.predicted, step)
-        fill_loops(loops.table, (own, count), held, step.scene.gravity, bases, step.W, step.closing.rows)
-
-
 @kernel
 def _share(n, values, step):
     """Give each tree of an island the sum over all trees that it touches in the same lane."""
@@ -294,10 +283,9 @@ def _solve_linear(n, rotor, contact, pairs, step):
     _fold_points(n, pairs, step)
     for i in range(first, end):
         articulate(step.Z[DIAGONAL], True, of_tree(step, scene.trees[pool.trees[i]]))
-    solve_rows(n, pairs, step)
+    act_together(n, pairs, step)
     for i in range(first, end):
         part = of_tree(step, scene.trees[pool.trees[i]])
-        release_tendons(scene.tendons, part)
         acceleration_pass(scene.tree, part.part, step.W, step.Z[DA])
         fill_solution(rotor, part)
     for i in range(pool.first_point[n], pool.first_point[n + 1]):

@@ -58,16 +58,14 @@ from ..effects.propeller import add_propellers, plus_propeller
 from ..effects.push import add_pushes
 from ..effects.stop import stop_torque
 from ..effects.tendon import (
-    bind_tendons,
     compare_tendons,
     linearize_tendons,
     place_tendons,
-    release_tendons,
     shift_tendons,
     solved_tendons,
     tendon_slope,
 )
-from ..tree.aba import acceleration_pass, articulated_pass, constrain
+from ..tree.aba import acceleration_pass, articulated_pass
 from ..tree.ball import ball_positions, last_balls, move_balls
 from ..tree.forest import base_count, base_index, base_of, joint_count, joints_of
 from ..tree.joint import accelerate
@@ -75,7 +73,8 @@ from ..tree.kinematics import motion_pass, move_base
 from ..tree.layout import UU, Motion, U
 from ..tree.residual import residual
 from ..tree.spatial import load3
-from .closure import close_loops, place_loops
+from .closure import place_loops
+from .row_solver import act_alone
 
 MAX_PASSES = 40
 BISECTIONS = 16
@@ -452,29 +451,18 @@ def _solve_free(armature, predicted, step):
 def accelerations(diagonal, contact, step, qdd):
     """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
     articulate(diagonal, contact, step)
-    close_loops(step.scene.loops, any_present(contact, step.scene.fluid), step)
-    release_tendons(step.scene.tendons, step)
+    act_alone(any_present(contact, step.scene.fluid), step)
     acceleration_pass(step.scene.tree, step.part, step.W, qdd)
 
 
 @inline
 def articulate(diagonal, contact, step):
-    """Do the first of these passes, and what couples joints; contact None leaves contact rows out of account.
-
-    With tendons `release_tendons` comes before the second.
-    """
+    """Do the first of these passes; contact None leaves contact rows out of account."""
     scene, part = step.scene, step.part
     base_q = base_of(scene.floating, part, step.y, step.offsets.base_q, 7)
     wrench = only_if(any_present(any_present(scene.push, scene.lifts), scene.propellers), step.F)
-    _articulate(any_present(contact, scene.fluid), base_q, wrench, diagonal, step)
-
-
-@inline
-def _articulate(contact, base_q, wrench, diagonal, step):
-    scene, part = step.scene, step.part
+    contact = any_present(contact, scene.fluid)
     articulated_pass(scene.tree, part, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
-    constrain(scene.coupling, part, base_q, contact, scene.tree, step.W)
-    bind_tendons(scene.tendons, contact, step)
 
 
 @kernel
