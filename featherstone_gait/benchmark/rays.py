@@ -17,9 +17,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from ..base.rotation import rotation_from_rpy
-from ..core.tree.distance import Room
-from ..core.tree.paint import cover
-from ..core.tree.ray import cast_rays
+from ..core.shapes.distance import Room
+from ..core.shapes.paint import cover
+from ..core.shapes.ray import cast_rays
 from ..geometry.distance import shape_tables
 from ..geometry.hull import hull_triangles
 from ..model import FloorLine, HeightField

@@ -24,11 +24,11 @@ from ..base.portable_math import angle
 from ..core.compile.elementary import SINCOS_LIMIT
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.effects.touch import FLATNESS
+from ..core.shapes.wrap import ways_around
 from ..core.tree import batch
 from ..core.tree.layout import Motion, Robot
 from ..core.tree.loop import SIZE as ROW_SIZE
 from ..core.tree.rows import SIDE
-from ..core.tree.wrap import ways_around
 from ..model import Loop, Model, Spring, Tendon, Via, Wrap
 from ..model.degrees import ball_name, is_first
 from ..model.numpy_dynamics import Poses, what_is_loose

@@ -25,7 +25,7 @@ from ..base.fixed_order import applied
 from ..base.flaws import quoted
 from ..base.rotation import rotation_from_rpy
 from ..core.compile.elementary import SINCOS_LIMIT
-from ..core.tree.distance import (
+from ..core.shapes.distance import (
     BOX,
     CYLINDER,
     FIELD,
@@ -39,8 +39,8 @@ from ..core.tree.distance import (
     least_distances,
     pair_distances,
 )
-from ..core.tree.field_contact import COLUMNS, MANY, FieldBench
-from ..core.tree.patch import Bench
+from ..core.shapes.field import COLUMNS, MANY, FieldBench
+from ..core.shapes.patch import Bench
 from ..dynamics import Poses, check_model, forward_kinematics
 from ..model import HeightField, Model, rigid_bodies
 from ..model.pair_friction import shape_names

@@ -12,10 +12,10 @@ import numpy as np
 from ..base.arguments import instance
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_quaternion
+from ..core.shapes.distance import Room
+from ..core.shapes.paint import COINCIDENT, cover
+from ..core.shapes.ray import cast_rays
 from ..core.step.state import BY_NAME
-from ..core.tree.distance import Room
-from ..core.tree.paint import COINCIDENT, cover
-from ..core.tree.ray import cast_rays
 from ..dynamics import forward_kinematics
 from ..geometry.distance import shape_tables
 from ..model import FloorLine

@@ -14,9 +14,9 @@ from ..base.fixed_order import applied
 from ..base.portable_math import sincos
 from ..base.rotation import dot, rotation_from_quaternion
 from ..core.effects.contact import MOTION, POINT, ROLLER, ROLLING, Contact
-from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, Discs, Spheres
-from ..core.tree.distance import HALF_SPACE, Shapes
+from ..core.shapes.distance import HALF_SPACE, Shapes
+from ..core.shapes.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..dynamics import deepest_points
 from ..geometry.contact_choice import usual_choice
 from ..geometry.distance import shape_tables

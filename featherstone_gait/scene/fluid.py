@@ -16,7 +16,7 @@ from ..base.portable_math import power
 from ..base.rotation import rotation_from_rpy
 from ..core.effects.fluid import ADDED, ELLIPSOID, IMMERSED, MEDIUM, Fluid
 from ..core.effects.propeller import PROPELLER, Propellers
-from ..core.tree.immersion import CAPSULE, CYLINDER, POLYHEDRON, SPHERE
+from ..core.shapes.immersion import CAPSULE, CYLINDER, POLYHEDRON, SPHERE
 from ..geometry.hull import hull_triangles
 from ..geometry.mesh import mesh_hull
 from ..geometry.polytope import BOX_LOOPS, box

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..base.fixed_order import applied, product, total
 from ..base.rotation import rotation_from_quaternion
-from ..core.tree.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
+from ..core.shapes.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
 from ..model.numpy_dynamics import link_poses
 from ..model.rest_posture import START, nearest_posture, standing_keyframe
 from .contact import TWO_DEPTHS, plane_axes, standing_height

@@ -29,7 +29,7 @@ import numpy as np
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, TURNING, Pairs
-from ..core.tree.distance import Shapes
+from ..core.shapes.distance import Shapes
 from ..core.tree.layout import PRISMATIC
 from ..geometry.contact_choice import thinned
 from ..geometry.distance import HalfSpace, meeting_shapes, rows_by_name, shape_tables

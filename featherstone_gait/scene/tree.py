@@ -11,9 +11,9 @@ import numpy as np
 
 from ..base.fixed_order import applied, product
 from ..base.rotation import dot, rotation_z_to
+from ..core.shapes.wrap import INSIDE, OUTSIDE, WRAP
 from ..core.tree.coupling import COUPLING
 from ..core.tree.layout import BALL, BALL_AXIS, BODY, COLUMNS, PRISMATIC, REVOLUTE, SCREW
-from ..core.tree.wrap import INSIDE, OUTSIDE, WRAP
 from ..model import Model, Placement, RigidBody, Wrap, rigid_bodies
 from .records import fill, records
 

@@ -9,8 +9,8 @@ import pytest
 
 from featherstone_gait import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from featherstone_gait.base.rotation import rotation_from_rpy
-from featherstone_gait.core.tree.distance import Room, pair_distances
-from featherstone_gait.core.tree.manifold import pair_contacts
+from featherstone_gait.core.shapes.distance import Room, pair_distances
+from featherstone_gait.core.shapes.manifold import pair_contacts
 from featherstone_gait.geometry.distance import HalfSpace, contact_bench, field_bench, shape_tables
 
 QUARTER = 0.5 * math.pi
@@ -56,7 +56,7 @@ class Placed:
         return [points[:count] for points, count in zip(out, counts)]
 
     def distances(self):
-        """The signed distance of each pair, by core/tree/distance.py."""
+        """The signed distance of each pair, by core/shapes/distance.py."""
         out = np.zeros(len(self.pairs))
         pair_distances(self.tables, self.room, self.pairs, self.rotation, self.position, out)
         return out

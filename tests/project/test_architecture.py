@@ -20,7 +20,7 @@ from featherstone_gait import core
 
 PACKAGE = Path(featherstone_gait.__file__).parent
 ROBOTS = Path(__file__).parents[2] / "robots"
-ROOMS = ("compile", "tree", "effects", "step", "integrate")  # of core
+ROOMS = ("compile", "tree", "shapes", "effects", "step", "integrate")  # of core
 MODULES = {
     ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
     for path in PACKAGE.rglob("*.py")
@@ -115,6 +115,13 @@ def test_each_room_of_core_imports_only_those_before_it(room):
     later = [f"featherstone_gait.core.{name}" for name in ROOMS[room + 1 :]]
     found = [(module, name) for module in modules_of(f"core.{ROOMS[room]}") for name in all_imports(module)]
     assert [(module, name) for module, name in found if within(name, *later)] == []
+
+
+def test_shapes_know_no_trees_but_their_vectors():
+    found = [(module, name) for module in modules_of("core.shapes") for name in all_imports(module)]
+    of_trees = [(module, name) for module, name in found if within(name, "featherstone_gait.core.tree")]
+    assert of_trees
+    assert [(m, name) for m, name in of_trees if not within(name, "featherstone_gait.core.tree.spatial")] == []
 
 
 def test_search_knows_no_physics():

@@ -24,6 +24,7 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import select, sign_beyond, sqrt
 from ..compile.optional import any_present, if_present, plus_item
 from ..compile.structure import record, structure
+from ..shapes.wrap import own_frame, way_around
 from ..tree.aba import root_inertia
 from ..tree.coupling import push_torque
 from ..tree.forest import base_index, base_of, rows_of, tendons_of
@@ -45,7 +46,6 @@ from ..tree.spatial import (
     sub,
     vector,
 )
-from ..tree.wrap import own_frame, way_around
 from .ball_spring import rotation_vector
 from .contact import FLOOR, shifted
 from .friction import ROUNDING, STEEP, STEEPEST, direction_from, snapped_from, stops_at_once

@@ -22,11 +22,11 @@ from ..compile.lanes import any_lane, flat, invert, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.structure import structure
 from ..effects.pair import FAR, REACH, SUDDEN, look_in_lane, put_pair, shape_pose, slots_in_use
+from ..shapes.distance import HALF_SPACE
+from ..shapes.separation import gap_at_least
 from ..tree.ball import ball_positions
-from ..tree.distance import HALF_SPACE
 from ..tree.forest import base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import pose_pass
-from ..tree.separation import gap_at_least
 from ..tree.spatial import add, sub
 
 SPENDING = 12.0  # times the way of a pair's shapes in a step: below it the pair is in the pool

@@ -11,7 +11,7 @@ from ..compile.jit import inline
 from ..compile.lanes import sqrt
 from ..compile.optional import if_present
 from ..effects.contact import DEPTH, U0
-from ..effects.ground import narrowest
+from ..shapes.ground import narrowest
 from ..tree.layout import V
 
 OF_HEIGHT = 0.4  # way of a point in a step by its height over the ground, along the normal there

@@ -8,9 +8,9 @@ import numpy as np
 
 from ...base.fixed_order import applied
 from ...base.portable_math import exp
-from ...core.effects.ground import Plane
 from ...core.effects.mipsd_servo import MipsdServo
 from ...core.effects.rigid_servo import RigidServo
+from ...core.shapes.ground import Plane
 from ...core.tree.layout import PRISMATIC
 from ...model import Joint
 from ...model.rigid_bodies import inertia_matrix, turned_inertia

@@ -11,8 +11,8 @@ along the ray.
 from math import inf, sqrt
 
 from ..compile.jit import entry, kernel
+from ..tree.spatial import add, cross, dot, load9, scale, sub, vector
 from .distance import BOX, CYLINDER, FIELD, HALF_SPACE, POINT, SEGMENT, place
-from .spatial import add, cross, dot, load9, scale, sub, vector
 
 X, Y, Z, DX, DY, DZ, FIRST, LAST = range(8)  # of a ray: origin, unit direction, piece in the shape at hand [m]
 LEAST = 1e-300  # of a denominator; a smaller one is parallel

@@ -1,21 +1,21 @@
 """Contact manifolds: up to eight points at which two convex shapes touch, or will soon.
 
 Spheres and capsules have the closest points, a half space the vertices, ends and rims that lie in it, polytopes
-(polytope_contact.py) and cylinders (cylinder_contact.py) the ends of the patch in which they touch, and height fields
-(field_contact.py) corners, edges and nodes.
+(polytope.py) and cylinders (cylinder.py) the ends of the patch in which they touch, and height fields
+(field.py) corners, edges and nodes.
 """
 
 from math import inf, sqrt
 
 from ..compile.jit import entry, kernel
 from ..compile.lanes import clamp
+from ..tree.spatial import compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
 from .closest import capsules
-from .cylinder_contact import cylinder_points, rim_rows
+from .cylinder import cylinder_points, rim_rows
 from .distance import BOX, CYLINDER, FIELD, HALF_SPACE, POINT, SEGMENT, TOUCH, column, place
-from .field_contact import field_points
+from .field import field_points
 from .patch import Pair, keep_deep, put_nearest, put_rows, unit, up, write_row
-from .polytope_contact import polytope_points
-from .spatial import compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
+from .polytope import polytope_points
 
 
 @kernel

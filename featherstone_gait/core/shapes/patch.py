@@ -11,8 +11,8 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.structure import structure
+from ..tree.spatial import add, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
 from .distance import column
-from .spatial import add, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
 
 MOST = 8  # points
 PARALLEL = 1e-3  # sine of the angle beyond which two lines, or a line and a face, touch in one point
@@ -33,7 +33,7 @@ class Bench(NamedTuple):
     rows: np.ndarray  # (2, 2 x the most vertices of a shape + 16, 6): point [m], feature, side to the next, depth [m]
     near: np.ndarray | None  # (2, most sides of a shape) of them, int64; None where no shape is a box or a hull
     ends: np.ndarray | None  # (0,); None where no shape is a cylinder
-    field: tuple | None = None  # FieldBench of field_contact.py; None where no shape is a height field
+    field: tuple | None = None  # FieldBench of field.py; None where no shape is a height field
 
 
 @structure
