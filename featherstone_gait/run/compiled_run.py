@@ -302,6 +302,7 @@ class CompiledRun:
             largest=0 if constants.trees is None else int(np.max(constants.trees.end - constants.trees.root)),
             loops=constants.loops,
             immersed=0 if constants.fluid is None else len(constants.fluid.table),
+            tendons=0 if constants.tendons is None else len(constants.tendons.table),
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(scene.layout["length"])
         frames = zeros(sizes.workspace) if sizes.bases and sizes.points else None

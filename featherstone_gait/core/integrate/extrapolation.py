@@ -12,7 +12,7 @@ What a step derives (torques, forces, accelerations) is a smooth function of h t
 
 That holds where the forces are smooth.  A force that changes to another branch of its law (a stop touched, a limit met,
 teeth apart, a foot that slips) makes a discontinuity.  The errors of all columns are then alike, and one is small by
-chance.  Each step therefore identifies its branches (step/branch.py).  An interval in which they change, or at whose
+chance.  Each step therefore notes its branches (step/branch.py).  An interval in which they change, or at whose
 end they are others than any column has seen, is cut before the discontinuity, and the next one behind it, until the
 error of the first two columns, which is of one order and never small by chance, meets the tolerance too.
 
@@ -39,7 +39,7 @@ from ..effects.energies import ENERGIES, METER
 from ..effects.friction import stops_at_once
 from ..effects.tendon import tendons_stop
 from ..step.advance import advance_trees, solve_trees
-from ..step.branch import branches, branches_at_start
+from ..step.branch import branch_count, note_branches, note_branches_at_start
 from ..step.closure import factor_at, project
 from ..step.context import NEWTON_TOLERANCE, Step
 from ..step.depth import TOO_DEEP, too_deep, watch_depth
@@ -65,8 +65,8 @@ PASSED = 1e3  # error over the tolerance with which a discontinuity is passed at
 LOCATED = 4.0  # least steps: a discontinuity is located no more precisely
 LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
 # What is known of a discontinuity: the share of the interval before it, negative if there is none; the step that would
-# end behind it after one to there [s]; the branches of the forces at the interval's start; the error of two columns.
-BEFORE, BEHIND, BRANCH, ROUGH = 0, 1, 2, 3
+# end behind it after one to there [s]; the error of two columns.
+BEFORE, BEHIND, ROUGH = 0, 1, 2
 
 
 @structure
@@ -82,7 +82,8 @@ class Columns(NamedTuple):
     drive: np.ndarray  # (n, 2)
     tau: np.ndarray | None  # (n,) [N m]
     decay: np.ndarray | None  # (n, DECAYS): what each lane's step leaves
-    branch: np.ndarray  # (1,): of the forces of each lane's last step
+    branch: np.ndarray  # (branches,): of the forces of each lane's last step
+    elsewhere: np.ndarray  # (1,): 1 where any of them is another than an instant after the interval's start
     moved: np.ndarray  # (what is integrated,): changes since the start, of the implicit step those of coordinates
     W: np.ndarray
     Z: np.ndarray
@@ -101,7 +102,8 @@ class Ladder(NamedTuple):
     table: np.ndarray  # (LONGEST, length of the state): changes by the columns, then the scheme's last row
     lanes: np.ndarray  # (3, WIDTH): what each lane is at
     wanted: np.ndarray  # (LONGEST,): the step that each column's error asks for [s]
-    discontinuity: np.ndarray  # (4,): what is known of a discontinuity in the interval
+    discontinuity: np.ndarray  # (3,): what is known of a discontinuity in the interval
+    branch: np.ndarray  # (branches,): of the forces an instant after the interval's start
     columns: Columns
     pace: np.ndarray  # (SIZE,)
     implicit: bool | None  # True: linearly implicit Euler, None: explicit midpoint
@@ -209,7 +211,8 @@ def _ends_elsewhere(implicit, run, h):
     columns.h[0] = h * INSTANT
     _set_decay(columns.decay, run.scene.actuator, columns)
     _euler(True, run, columns)
-    if ladder.columns.branch[0, 0] == ladder.discontinuity[BRANCH]:
+    _compare_branches(ladder, columns)
+    if ladder.columns.elsewhere[0, 0] == 0.0:
         return False
     ladder.discontinuity[BEFORE] = 1.0
     return True
@@ -290,7 +293,7 @@ def _sweep(implicit, run, t, h, count):
             _midpoint(run, columns)
         else:
             _euler(None, run, columns)
-        _look_for_discontinuity(implicit, ladder, k, total, half)
+        _look_for_discontinuity(implicit, ladder, columns, k, total, half)
         if implicit is not None and k == 0:
             skipped = _skipped(run, min(half, 3), h)
             if skipped > 1.0:
@@ -316,20 +319,31 @@ def _sweep(implicit, run, t, h, count):
 
 
 @inline
-def _look_for_discontinuity(implicit, ladder, k, total, half):
+def _look_for_discontinuity(implicit, ladder, columns, k, total, half):
     """Note after the k-th steps whether a lane is on other branches than an instant after the interval's start.
 
     The longest column, of `total` steps, shows where; if only others have seen it, the end is as good a guess.
     """
     if implicit is not None:
-        branch, discontinuity = ladder.columns.branch[0], ladder.discontinuity
+        elsewhere, discontinuity = ladder.columns.elsewhere[0], ladder.discontinuity
         if k == 0:
-            discontinuity[BRANCH] = branch[WIDTH - 1]
-        if branch[0] != discontinuity[BRANCH] and not 0.0 <= discontinuity[BEFORE] < 1.0:
+            for r in range(len(ladder.branch)):
+                ladder.branch[r] = ladder.columns.branch[r, WIDTH - 1]
+        _compare_branches(ladder, columns)
+        if elsewhere[0] > 0.0 and not 0.0 <= discontinuity[BEFORE] < 1.0:
             discontinuity[BEFORE] = k / total
         for lane in range(1, half + 1):
-            if branch[lane] != discontinuity[BRANCH] and discontinuity[BEFORE] < 0.0:
+            if elsewhere[lane] > 0.0 and discontinuity[BEFORE] < 0.0:
                 discontinuity[BEFORE] = 1.0
+
+
+@inline
+def _compare_branches(ladder, columns):
+    """Note which lanes are on other branches than an instant after the interval's start."""
+    elsewhere, one = columns.h[0] < 0.0, 1.0 + 0.0 * columns.h[0]  # nowhere yet
+    for r in range(len(ladder.branch)):
+        elsewhere = elsewhere | (columns.branch[r] != ladder.branch[r])
+    columns.elsewhere[0] = select(elsewhere, one, 0.0 * one)
 
 
 @inline
@@ -460,11 +474,11 @@ def _euler(ended, run, columns):
     )  # fmt: skip
     if ended is None:
         solve_trees(scene.trees, scene.pairs, at)
-        x.branch[0] = branches(scene.contact, scene.pairs, at)
+        note_branches(scene.contact, scene.pairs, at, x.branch)
         advance_trees(scene.trees, at)
         _sum_apart(scene.floating, run, x, h)
     else:
-        x.branch[0] = branches_at_start(scene.contact, scene.pairs, at)
+        note_branches_at_start(scene.contact, scene.pairs, at, x.branch)
 
 
 @inline
@@ -681,7 +695,9 @@ def _workspace(sizes, zeros):
         return aligned((*np.atleast_1d(shape), WIDTH))
 
     offsets = sizes.offsets
-    size, rates = int(offsets["length"]), int(offsets["after_integrated"])
+    size, rates, made = int(offsets["length"]), int(offsets["after_integrated"]), scratch(sizes, in_eight)
+    slots = 0 if made.pool is None else len(made.pool.C)
+    branches = max(1, branch_count(sizes.n, sizes.tendons, sizes.points, slots)) if sizes.stiff else 1
     columns = Columns(
         y=in_eight(size),
         h=in_eight(1),
@@ -692,9 +708,10 @@ def _workspace(sizes, zeros):
         drive=in_eight((sizes.inputs, 2)),
         tau=in_eight(sizes.inputs) if sizes.driven else None,
         decay=in_eight((sizes.motors, DECAYS)) if sizes.motors else None,
-        branch=in_eight(1),
+        branch=in_eight(branches),
+        elsewhere=in_eight(1),
         moved=in_eight(rates),
-        **scratch(sizes, in_eight)._asdict(),
+        **made._asdict(),
     )
     return Ladder(
         start=zeros(size),
@@ -702,7 +719,8 @@ def _workspace(sizes, zeros):
         table=zeros((LONGEST, size)),
         lanes=np.zeros((3, WIDTH), np.int64),
         wanted=zeros(LONGEST),
-        discontinuity=zeros(4),
+        discontinuity=zeros(3),
+        branch=zeros(branches),
         columns=columns,
         pace=zeros(SIZE),
         implicit=True if sizes.stiff else None,

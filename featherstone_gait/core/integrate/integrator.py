@@ -47,6 +47,7 @@ class Sizes(NamedTuple):
     largest: int  # bodies of the largest tree
     loops: Loops | None  # of the scene
     immersed: int = 0  # shapes in a medium
+    tendons: int = 0
 
 
 class Integrator(NamedTuple):
