@@ -49,9 +49,9 @@ from .surface import build_surfaces, drives_of
 from .tree import Tree
 
 WORLD = -1  # the tree of what never moves
-FAR = 1e6  # way of a sliding joint without limits [m]
+LONGEST_SLIDE = 1e6  # way of a sliding joint without limits [m]
 BEYOND = 1.1  # how far a sliding joint goes, of its limits: stops give way
-MOST = 96  # points between bodies that can move, of which so many can act at once
+POINTS_AT_ONCE = 96  # points between bodies that can move, of which so many can act at once
 LEAST_POINTS = 32  # of the pool
 WIDE, UNDER = 100.0, 1.0  # of the treads of steps, how far they reach from the origin, and below the lowest one [m]
 THIN = 0.1  # of its thickness, that a thin body is pressed in where others lie on it at the start
@@ -158,7 +158,7 @@ def build_pairs(
             f"pairs: max_points is {slots}; expected {table.slots.max()} or more, which two of the shapes can touch at"
         )
     margin = max(option.penetration, options.ground.penetration if _has_ground(solids) and options.ground else 0.0)
-    room = np.array([slots, min(slots, max(MOST, 3 * len(trees_of(tree))))])
+    room = np.array([slots, min(slots, max(POINTS_AT_ONCE, 3 * len(trees_of(tree))))])
     turning = _turning(table, shapes, rubs[:, 1], rubs[:, 2])
     outside = np.zeros(len(radius), np.int64)
     for one, other in ((table.tree_a, table.tree_b), (table.tree_b, table.tree_a)):
@@ -612,4 +612,4 @@ def _bounds(
 
 def _travel(joint: Joint) -> float:
     """Return how far a sliding joint can be from zero [m]."""
-    return min(BEYOND * max(abs(joint.lower), abs(joint.upper)), FAR)
+    return min(BEYOND * max(abs(joint.lower), abs(joint.upper)), LONGEST_SLIDE)
