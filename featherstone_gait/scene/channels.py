@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..base.brief import some
-from ..core.step.state import BY_NAME, RECORDABLE, UNITS, Channel, several
+from ..core.step.state import ALL, BY_NAME, NONE, OWNERS, RECORDABLE, UNITS, Channel, several
 
 OF_SLIDERS = ("m", "m/s", "m/s²", "N")  # units of what turning joints have in rad, rad/s, rad/s² and N m
 
@@ -61,32 +61,19 @@ Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in for
 
 def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
     """Return the indices of the numbers of a channel, `size` in the scene, that are a member's."""
-    if channel.of in ("slot", "turning", "pairs"):  # of two members, or of none
+    part = OWNERS[channel.of].share
+    if part == NONE:
         return np.arange(0)
-    if channel.of in ("run", "source") or not size:
+    if part == ALL or not size:
         return np.arange(size)
-    first, end = share["joints"]
+    if channel.name == "q" and size == share.get("of_positions"):  # with quaternions, as recorded
+        part = "positions"
+    first, end = share.get(part, (0, 0)) if part != "base" else (share["base"], share["base"] + 1)
+    if channel.of == "base" and share["fixed"]:
+        return np.arange(0)
     if channel.of == "delay":  # all servos of a slot stand together
         slots = np.arange(size // share["of_joints"])
         return (slots[:, None] * share["of_joints"] + np.arange(first, end)).ravel()
-    if channel.of in ("point", "rolling"):
-        first, end = share["points"]
-    elif channel.of == "tendon":
-        first, end = share["tendons"]
-    elif channel.of in ("loop", "row"):
-        first, end = share.get(f"{channel.of}s", (0, 0))
-    elif channel.of == "ball":
-        first, end = share["balls"]
-    elif (
-        channel.name == "q" and "positions" in share and size == share["of_positions"]
-    ):  # with quaternions, as recorded
-        first, end = share["positions"]
-    elif channel.of == "immersed":
-        first, end = share["immersed"]
-    elif channel.of == "surface":
-        first, end = share["surfaces"]
-    elif channel.of in ("base", "tree", "fluid"):
-        first, end = share["base"], share["base"] + (channel.of != "base" or not share["fixed"])
     return np.arange(channel.width * first, channel.width * end)
 
 
