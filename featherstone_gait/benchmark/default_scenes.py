@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from ..dynamics.tree import GRAVITY, followed
 from ..geometry.contact_choice import with_contacts
 from ..model import Ground, Joint, Link, Model, Supply
 from ..model.placed import Placed
@@ -21,7 +22,6 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate, standing_state
 from ..scene.actuator import GearboxKind
 from ..scene.compile import CompiledScene, compile_scene
-from ..scene.tree import GRAVITY, followed
 from .case import Case, case_of
 from .default_several import several_cases
 from .pair_scenes import pair_cases

@@ -27,11 +27,11 @@ import numpy as np
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.tree.layout import Motion, Robot
 from ..dynamics import inverse_dynamics, mass_matrix
+from ..dynamics.tree import GRAVITY, compile_tree
 from ..model import Model
 from ..robot_file import load_robot
 from ..run.simulate import simulate_batch
 from ..run.trajectory import positions
-from ..scene.tree import GRAVITY, compile_tree
 from ..view.style import look, subplots
 from . import repeated
 from .case import Run, deviation, solution

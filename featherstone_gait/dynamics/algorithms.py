@@ -33,9 +33,8 @@ from ..model import Loop, Model, Spring, Tendon, Via, Wrap
 from ..model.degrees import ball_name, is_first
 from ..model.numpy_dynamics import Poses, what_is_loose
 from ..model.tree_checks import check_springs
-from ..scene.external import build_lifts
-from ..scene.loop import build_loops
-from ..scene.tree import GRAVITY, Tree, compile_tree, joint_armature, wrap_record
+from .loop_table import build_loops
+from .tree import GRAVITY, Tree, build_lifts, compile_tree, joint_armature, wrap_record
 
 
 class Wrench(NamedTuple):

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from ..base.brief import brief
 from ..base.fixed_order import applied
 from ..base.flaws import quoted
+from ..base.records import records
 from ..base.rotation import rotation_from_rpy
 from ..core.compile.elementary import SINCOS_LIMIT
 from ..core.shapes.distance import (
@@ -46,7 +47,6 @@ from ..model import HeightField, Model, rigid_bodies
 from ..model.pair_friction import shape_names
 from ..model.rest_posture import nearest_posture
 from ..model.shapes import Box, Capsule, Cylinder, Shape, Sphere
-from ..scene.records import records
 from .contact_choice import corner_error, local_corners
 from .hull import Sides, sides
 from .polytope import Polytope, box, hull, segment

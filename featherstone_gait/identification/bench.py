@@ -39,7 +39,7 @@ import numpy as np
 from ..base.arguments import instance, one_of, real
 from ..base.arguments import path as path_of
 from ..base.brief import brief, in_full
-from ..base.files import FilePath, Format, read_csv
+from ..base.files import FilePath, Format, read_columns, read_csv
 from ..base.progress import progress_bar
 from ..core.compile.lanes import WIDTH
 from ..core.step.signals import Signals
@@ -55,7 +55,7 @@ from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from .estimate import Blocks, Errors, Fit, information, plot_rollouts, quantile
 from .gauss_newton import DAMPING, advance
 from .log import FitLog, FitRound
-from .recording import EARLY, check_recordings, read_columns
+from .recording import EARLY, check_recordings
 
 __all__ = [
     "BENCHES", "MODELS", "STS3250", "XL330", "Bench", "BenchRecording", "Parameter", "ServoFit", "fit_servo",

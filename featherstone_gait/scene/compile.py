@@ -21,6 +21,9 @@ from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.closure import Loops
 from ..core.step.context import Scene
+from ..dynamics.loop_table import Loops as LoopTables
+from ..dynamics.loop_table import build_loops
+from ..dynamics.tree import GRAVITY, Tree, build_lifts, compile_tree
 from ..model import Controller, Fluid, Ground, Loop, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, PairWord, pair_contact
 from ..model.pair_friction import PairFriction
@@ -30,7 +33,7 @@ from ..model.tendon import ball_limit, spring_tendon
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .channels import Share, StateView
 from .contact import bearing, build_contact, standing_posture
-from .external import Push, build_lifts, build_pushes
+from .external import Push, build_pushes
 from .firmware import build_firmware, build_supply
 from .fluid import build_fluid, build_propellers
 from .forest import (
@@ -46,15 +49,13 @@ from .forest import (
 from .friction import Friction, build_drag, build_friction, sticks
 from .gearbox_kinds import IntegratorName
 from .joint_spring import build_ball_springs, build_joint_springs, build_stiffening, fold_joint_springs
-from .loop import Loops as LoopTables
-from .loop import build_loops, joined_loops
+from .loop import joined_loops
 from .options import SceneOptions, check_options
 from .pairs import NOTHING, Touching, build_pairs, limited, no_pairs
 from .preflight import STIFF, Preflight, implicit_reason, preflight
 from .stop import build_stops
 from .surface import build_commands, drives_of, joined_commands, scene_drives
 from .tendon import build_tendons, fold_tendons, with_rows, with_stops
-from .tree import GRAVITY, Tree, compile_tree
 from .unused import unused
 
 GIVE_LOOPS = "give a list of Loop between links 'name/link'"

@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike
 
 from ..base.fixed_order import applied
 from ..base.portable_math import sincos
+from ..base.records import fill, records
 from ..base.rotation import dot, rotation_from_quaternion
 from ..core.effects.contact import MOTION, POINT, ROLLER, ROLLING, Contact
 from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.shapes.distance import HALF_SPACE, Shapes
 from ..core.shapes.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..dynamics import deepest_points
+from ..dynamics.tree import Tree
 from ..geometry.contact_choice import usual_choice
 from ..geometry.distance import shape_tables
 from ..model import Ground, HeightField, Model
 from ..model.ground import ContactPoint
 from ..model.numpy_dynamics import link_poses, mass_center, zero_position
 from ..model.rest_posture import standing_keyframe
-from .records import fill, records
 from .surface import build_surfaces, drives_of
-from .tree import Tree
 
 if TYPE_CHECKING:
     from .options import SceneOptions

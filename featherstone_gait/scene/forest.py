@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
+from ..base.records import records
 from ..base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ..core.effects.contact import ROLLER, ROLLING, Contact
 from ..core.effects.drag import DRAG
@@ -27,6 +28,7 @@ from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.step.context import Scene
 from ..core.step.state import IN_STATE
 from ..core.tree.forest import TREE
+from ..dynamics.tree import Tree
 from ..model import Joint, Link, Loop, Model, Placement, Tendon
 from ..model.placed import Placed, link_name
 from ..model.servo import ONE_KIND
@@ -35,9 +37,7 @@ from .channels import Share, owned
 from .fluid import joined_fluid, joined_propellers
 from .friction import Friction
 from .preflight import SPRING, Preflight
-from .records import records
 from .tendon import number_drives
-from .tree import Tree
 
 if TYPE_CHECKING:
     from .compile import CompiledScene

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..base.arguments import instance, listed, real, vector
 from ..base.rotation import dot
+from ..dynamics.tree import GRAVITY
 from ..model import Fluid, Ground, Loop, Model, Spring
 from ..model.pair_contact import PairContact
 from ..model.tree_checks import check_springs
 from .gearbox_kinds import GearboxKind
-from .tree import GRAVITY
 
 LOWEST = 1e9  # standing heights: a limit at which nothing falls
 

@@ -27,10 +27,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.fixed_order import applied, product
+from ..base.records import records
 from ..base.rotation import rotation_from_quaternion
 from ..core.effects.pair import PAIR, TURNING, Pairs
 from ..core.shapes.distance import Shapes
 from ..core.tree.layout import PRISMATIC
+from ..dynamics.tree import Tree
 from ..geometry.contact_choice import thinned
 from ..geometry.distance import HalfSpace, meeting_shapes, rows_by_name, shape_tables
 from ..geometry.mesh import hull_excess
@@ -44,9 +46,7 @@ from .forest import Member, named, shifts
 from .loads import LIGHTEST, Loads, carrying, loads_at_start, moving_masses, trees_of
 from .options import SceneOptions
 from .preflight import SPRING, Limit, Preflight
-from .records import records
 from .surface import build_surfaces, drives_of
-from .tree import Tree
 
 WORLD = -1  # the tree of what never moves
 LONGEST_SLIDE = 1e6  # way of a sliding joint without limits [m]

@@ -15,15 +15,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.fixed_order import applied
+from ..base.records import records
 from ..core.effects.friction import FRICTION, SOFT, STUCK
 from ..core.effects.stop import STOP
 from ..core.effects.tendon import BEGIN, BEND, DRIVE, JOINT, PART, POINT, TENDON, TURN, WORLD, Tendons
 from ..core.integrate.integrator import Integrator
+from ..dynamics.tree import Tree, wrap_record
 from ..model import Model, Placement, Tendon, Wrap
 from .actuator import pd_laws
-from .records import records
 from .stop import NO_LIMIT, fill_stop, load_of
-from .tree import Tree, wrap_record
 
 IN_WORLD = Placement(WORLD, np.eye(3), np.zeros(3))
 

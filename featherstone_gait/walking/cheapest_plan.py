@@ -31,11 +31,11 @@ from tqdm import tqdm
 from ..base.arguments import instance, listed, one_of, shown, truth, whole
 from ..base.brief import brief
 from ..base.progress import progress_bar
+from ..dynamics.tree import GRAVITY
 from ..identification.curve import torque_speed
 from ..model import Model, Servo
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_posture
-from ..scene.tree import GRAVITY
 from .cost import WalkingCost
 from .cost_in_worlds import CostInWorlds, variations
 from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of

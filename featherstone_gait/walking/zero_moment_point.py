@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from ..base.arguments import finite, real
 from ..base.fixed_order import applied, total
 from ..dynamics import check_model
+from ..dynamics.tree import GRAVITY
 from ..model import Model, inertia_matrix
-from ..scene.tree import GRAVITY
 from .kinematics import link_centers, link_poses
 
 LEAST_SAMPLES = 5  # samples of a motion

@@ -152,6 +152,24 @@ def test_imports_make_no_circle():
     TopologicalSorter(graph).prepare()  # raises CycleError, which names a circle
 
 
+def test_rooms_make_no_circle():
+    """Between folders of the package, imports for type checkers included."""
+    graph = {}
+    for name in MODULES:
+        rooms = [x.split(".")[1] for x in all_imports(name) if x.startswith("featherstone_gait.") and room_of(x)]
+        graph.setdefault(room_of(name), set()).update({*rooms} - {room_of(name)})
+    del graph[""]
+    assert len(graph) > 15
+    assert {"dynamics", "geometry"} < graph["scene"]
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names a circle
+
+
+def room_of(name):
+    """The folder of the package in which a module or a name of it is, "" of the package itself."""
+    part = name.split(".")[1] if "." in name else ""
+    return part if (PACKAGE / part / "__init__.py").is_file() else ""
+
+
 # 16 as of `solve_ivp`
 ENTRIES = {
     "compile_scene", "simulate", "simulate_batch", "gradient", "gradient_batch", "linearize", "minimize", "crosscheck",

@@ -11,9 +11,9 @@ from featherstone_gait.core.compile.lanes import WIDTH, aligned
 from featherstone_gait.core.tree.batch import aba_lanes, rnea_lanes
 from featherstone_gait.core.tree.layout import Motion, Robot
 from featherstone_gait.dynamics import forward_dynamics, inverse_dynamics
+from featherstone_gait.dynamics.tree import GRAVITY, compile_tree
 from featherstone_gait.model import Joint, Link, Model
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.scene.tree import GRAVITY, compile_tree
 
 FUNCTIONS = [forward_dynamics, inverse_dynamics]
 COUNT = 64
