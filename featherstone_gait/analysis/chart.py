@@ -18,8 +18,7 @@ from ..core.effects.actuator import motor_of
 from ..core.effects.pd_servo import PDServo
 from ..core.step.state import ALL, BY_NAME, OWNERS
 from ..dynamics import coupling_matrix
-from ..dynamics.algorithms import loop_measures
-from ..dynamics.loops import eliminated, leaders_of
+from ..dynamics.loops import eliminated, leaders_of, loop_measures
 from ..run.start import loop_rows, positions_in
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body

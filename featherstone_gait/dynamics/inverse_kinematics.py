@@ -25,8 +25,10 @@ from ..base.rotation import cross, dot, rotation_from_rpy
 from ..core.compile.elementary import NEAR
 from ..model import Joint, Loop, Model
 from ..model.numpy_dynamics import at_joints
-from .algorithms import Poses, check_model, forward_kinematics, loop_gaps, loop_measures
 from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, point_at
+from .kinematics import Poses, forward_kinematics
+from .loops import loop_gaps, loop_measures
+from .states import check_model
 
 Status = Literal["ok", "limits", "out of reach", "not converged"]
 

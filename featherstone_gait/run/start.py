@@ -23,9 +23,10 @@ from ..core.step.closure import Closing, measure_loops
 from ..core.step.signals import Knots
 from ..core.tree.loop import BIAS, GAP, PLACE, SPEED
 from ..dynamics import forward_kinematics, loop_gaps
-from ..dynamics.algorithms import lengths_of, loop_measures
 from ..dynamics.inverse_kinematics import close_loops, is_flipped
 from ..dynamics.loop_table import build_loops
+from ..dynamics.loops import loop_measures
+from ..dynamics.tendons import lengths_of
 from ..dynamics.tree import check_followers, followed
 from ..model import Model
 from ..model.composite import TOLERANCE
