@@ -24,7 +24,7 @@ from ..model.sensor import WORLD, LineSensor, RangeSensor, SampledSensor, Sensor
 from ..scene.channels import owned
 from ..scene.compile import CompiledScene
 from ..scene.forest import Member
-from ..scene.pairs import Solid, of_ground
+from ..scene.solids import Solid, of_ground
 from .trajectory import Trajectory
 
 
