@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
 from ..base.brief import some
+from ..core.step import state
+from ..core.step.context import Scene
 from ..core.step.state import ALL, BY_NAME, NONE, OWNERS, RECORDABLE, UNITS, Channel, several
+from ..dynamics.tree import Tree
 
 OF_SLIDERS = ("m", "m/s", "m/s²", "N")  # units of what turning joints have in rad, rad/s, rad/s² and N m
+Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in forest.py
 
 
 def channel_table() -> str:
@@ -54,9 +58,6 @@ def joint_labels(info: Mapping[str, Any], name: str) -> list[str]:
     if name in BY_NAME and BY_NAME[name].of == "row":
         return list(info.get("loop_rows") or ())
     return list(info.get("positions" if name == "q" and "positions" in info else "joints") or ())
-
-
-Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in forest.py
 
 
 def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
@@ -123,3 +124,36 @@ class StateView(Mapping[str, np.ndarray]):
 
     def __repr__(self) -> str:
         return f"<state: {some(f'{name} {values.shape}' for name, values in self.items())}>"
+
+
+def places_of(tree: Tree, constants: Scene) -> np.recarray:
+    """Lay the parts of the state out."""
+    has = () if constants.actuator is None else cast(Any, constants.actuator).PARTS
+    contact, firmware, fed, pairs = constants.contact, constants.firmware, constants.supply is not None, constants.pairs
+    return state.lay_out(
+        {
+            "base": tree.bases,
+            "ball": 0 if tree.balls is None else len(tree.balls),
+            "joint": tree.n,
+            "servo": tree.n * ("servo" in has),
+            "rotor": tree.n * ("rotor" in has),
+            "point": 0 if contact is None else len(contact.points),
+            "tree": 1 if tree.trees is None else len(tree.trees),
+            "run": 1,
+            "profile": tree.n * (firmware.profile is not None),
+            "delay": 0 if firmware.delay is None else tree.n * firmware.delay.slots,
+            "fed": tree.n * fed,
+            "source": int(fed),
+            "slot": 0 if pairs is None else int(pairs.slots[0]),
+            "turning": 0 if pairs is None or pairs.turning is None else int(pairs.slots[0]),
+            "pairs": int(pairs is not None),
+            "tendon": 0 if constants.tendons is None else len(constants.tendons.table),
+            "fluid": (constants.fluid is not None or constants.propellers is not None)
+            * (1 if tree.trees is None else len(tree.trees)),
+            "immersed": 0 if constants.fluid is None else len(constants.fluid.table),
+            "loop": 0 if constants.loops is None else len(constants.loops.table),
+            "row": 0 if constants.loops is None else int(constants.loops.rows[0]),
+            "surface": 0 if constants.surfaces is None else len(constants.surfaces),
+            "rolling": 0 if contact is None or contact.rolling is None else len(contact.points),
+        }
+    )

@@ -314,3 +314,12 @@ def _heights_along(model: Model, q: np.ndarray, axes: Sequence[ArrayLike]) -> li
         contacts = [dot(up, x) for x in deepest_points(model, poses, up)]
         heights.append((dot(up, center) - min(contacts), dot(up, center) - max(contacts)))
     return heights
+
+
+def fall_limits(model: Model, options: SceneOptions) -> tuple[float, float, tuple[float, float, float]]:
+    """Compute at which height [m] and cosine of its tilt a robot has fallen, and which axis of its root points up."""
+    cosine = sincos(options.fall_tilt)[1] if options.fall_tilt < math.pi else -2.0
+    if model.base == "fixed" or options.ground is None:
+        return -math.inf, cosine, (0.0, 0.0, 1.0)
+    height, upright = standing_posture(model)
+    return options.fall_height * height if options.fall_height >= 0.0 else -math.inf, cosine, upright

@@ -31,6 +31,8 @@ from ..core.tree.forest import TREE
 from ..dynamics.tree import Tree
 from ..model import Joint, Link, Loop, Model, Placement, Tendon
 from ..model.placed import Placed, link_name
+from ..model.sensor import RESERVED, SampledSensor
+from ..model.sensor import WORLD as WORLD_LINK
 from ..model.servo import ONE_KIND
 from .actuator import Actuator, passive
 from .channels import Share, owned
@@ -543,3 +545,13 @@ def state_index(scene: CompiledScene, member: Member) -> np.ndarray:
         if end > start:
             index[start:end] = first + owned(channel, share, past - first)
     return index
+
+
+def sensor_of_scene(sensor: Any, member: str, name: str) -> Any:
+    """Return the sensor of a member as one of the scene."""
+    if isinstance(sensor, SampledSensor):
+        if isinstance(sensor.sensor, str):
+            exact = sensor.sensor if sensor.sensor in RESERVED else link_name(member, sensor.sensor)
+            return replace(sensor, sensor=exact, name=name)
+        return replace(sensor, sensor=sensor_of_scene(sensor.sensor, member, name), name=name)
+    return replace(sensor, link=sensor.link if sensor.link == WORLD_LINK else link_name(member, sensor.link), name=name)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.step.closure import Loops as KernelLoops
 from ..core.tree.loop import PLACE, WORLD
 from ..dynamics.loop_table import Loops, build_loops, loop_records
 from ..dynamics.tree import Tree
@@ -43,3 +44,15 @@ def joined_loops(members: Sequence[Member], tree: Tree, between: Sequence[Loop])
         return None
     whole = np.concatenate(tables).view(np.recarray)
     return Loops(whole, trees, rows, (np.ones(len(whole)), np.concatenate(places).ravel()))
+
+
+def loops_of_kernels(found: Loops | None, tree: Tree) -> KernelLoops | None:
+    """Return the loops for kernels, None without; of one robot with what its tree has beside the model's."""
+    if found is None:
+        return None
+    parts = found.trees
+    if tree.trees is None:
+        parts = parts.copy()
+        parts.end_tendon = tree.tendons
+    joined = True if len(found.table) > parts.end_loop[-1] else None
+    return KernelLoops(found.table, parts, np.array([found.rows]), joined)
