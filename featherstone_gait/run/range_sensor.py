@@ -159,7 +159,7 @@ def _cast(
     mounted = sensor.mounted
     out, count = np.zeros((len(poses[0]), len(mounted))), len(shapes.table)
     room, rays = Room(np.zeros((count, 9)), np.zeros((count, 3)), np.zeros((4, 3))), np.zeros((2, 8, len(mounted)))
-    cast_rays(shapes, room, *poses, carrier, -1, mounted, sensor.reach, rays, out)
+    cast_rays(shapes, room, tuple(poses), carrier, mounted, sensor.reach, rays, out)
     return out
 
 

@@ -52,7 +52,8 @@ class Placed:
         """The points of each pair."""
         pairs = np.ascontiguousarray(self.pairs[:, ::-1]) if swap else self.pairs
         out, counts = np.zeros((len(pairs), 8, 8)), np.zeros(len(pairs), np.int64)
-        pair_contacts(self.tables, self.room, self.bench, pairs, margin, self.rotation, self.position, out, counts)
+        poses = self.rotation, self.position
+        pair_contacts(self.tables, self.room, self.bench, pairs, margin, poses, out, counts)
         return [points[:count] for points, count in zip(out, counts)]
 
     def distances(self):

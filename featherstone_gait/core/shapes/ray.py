@@ -19,23 +19,23 @@ LEAST_DENOMINATOR = 1e-300  # of a denominator; a smaller one is parallel
 
 
 @entry
-def cast_rays(shapes, room, rotation, position, carrier, hidden, mounted, reach, rays, out):
+def cast_rays(shapes, room, poses, carrier, mounted, reach, rays, out):
     """Fill out (n, rays) with the distance [m] along each ray to the first shape in n postures, inf beyond `reach`.
 
     A ray that begins within a shape has 0.
 
-    rotation (n, links, 3, 3) and position (n, links, 3) [m] of the links in the world; carrier: the link that carries
-    the rays; hidden: the link whose shapes are transparent, or -1; mounted (rays, 6): origin [m] and unit direction in
-    the frame of the carrier; rays (2, 8, rays): room to work in, of rays in the world and in a shape's frame.
+    poses: rotation (n, links, 3, 3) and position (n, links, 3) [m] of the links in the world; carrier: the link that
+    carries the rays; mounted (rays, 6): origin [m] and unit direction in the frame of the carrier; rays (2, 8, rays):
+    room to work in, of rays in the world and in a shape's frame.
     """
+    rotation, position = poses
     for n in range(len(out)):
         place(shapes, room, rotation[n], position[n])
         _put(rotation[n, carrier], position[n, carrier], mounted, rays[0])
         for k in range(len(mounted)):
             out[n, k] = inf
         for i in range(len(shapes.table)):
-            if shapes.table[i].link != hidden:
-                _meet(shapes, i, room, reach, rays, out[n])
+            _meet(shapes, i, room, reach, rays, out[n])
         for k in range(len(mounted)):
             if out[n, k] > reach:
                 out[n, k] = inf
