@@ -16,10 +16,9 @@ import numpy as np
 from ..base.fixed_order import applied, total
 from ..core.effects.actuator import motor_of
 from ..core.effects.pd_servo import PDServo
-from ..core.step.state import BY_NAME
+from ..core.step.state import ALL, BY_NAME, OWNERS
 from ..dynamics import coupling_matrix
-from ..dynamics.algorithms import loop_measures
-from ..dynamics.loops import eliminated, leaders_of
+from ..dynamics.loops import eliminated, leaders_of, loop_measures
 from ..run.start import loop_rows, positions_in
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
@@ -264,7 +263,7 @@ def coordinates_of(scene: CompiledScene, name: str) -> list[tuple[str, int, list
     if channel.of == "point":
         order = by_body(scene.model, scene.tree)
         labels = [f"{scene.model.contacts[k].link} {k}" for k in order]
-    if channel.of in ("run", "source"):
+    if OWNERS[channel.of].share == ALL:
         labels = [""] * len(labels)
     parts = channel.labels if width > 1 else ("",)
     found = [f"{label} {part}".strip() for label in labels for part in parts]

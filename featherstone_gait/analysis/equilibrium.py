@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,23 +28,9 @@ from ..base.arguments import instance, listed, texts, vector
 from ..base.brief import brief
 from ..base.fixed_order import product
 from ..base.rotation import rotation_from_quaternion
-from ..core.effects.actuator import controller_of, motor_of
-from ..core.effects.controller import PID_SPEED
-from ..core.effects.mipsd_servo import MipsdServo
-from ..core.effects.pd_servo import PDServo
-from ..dynamics import (
-    Poses,
-    coupling_matrix,
-    deepest_points,
-    forward_dynamics,
-    forward_kinematics,
-    inverse_dynamics,
-    loop_jacobian,
-)
+from ..dynamics import coupling_matrix, forward_dynamics, loop_jacobian
 from ..dynamics.inverse_kinematics import close_loops
-from ..dynamics.jacobians import jacobian_at, link_index
 from ..dynamics.loops import leaders_of
-from ..model import Spring
 from ..model.rest_posture import nearest_posture
 from ..run.overlap import overlaps
 from ..run.reference import Reference
@@ -54,8 +40,8 @@ from ..scene.compile import CompiledScene
 from ..scene.contact import by_body, ground_under
 from ..scene.forest import state_index
 from .chart import Chart, chart_of, driven_columns
-
-TrimStatus = Literal["ok", "tips", "slips", "touches", "too weak", "moves"]
+from .holding_servos import Fault, TrimStatus, put_servos
+from .rest_loads import Loads, loads_at, of_points, rolling_friction
 
 PASSES, LAYING = 100, 5  # of Newton's method; of that by which feet are laid on the ground
 BALANCED = 1e-13  # remaining force on the base, relative to the weight
@@ -120,18 +106,6 @@ class Trim:
 
 
 OK: tuple[TrimStatus, str] = ("ok", "")
-Fault: TypeAlias = "tuple[TrimStatus, str] | None"
-
-
-class _Loads(NamedTuple):
-    """Forces on a robot at rest in k poses."""
-
-    force: np.ndarray  # (k, nv) needed at rest, without contacts
-    springs: np.ndarray  # (k, nv) that the springs give
-    J: np.ndarray  # (k, points, 3, nv) velocities of the contacts in the ground's axes; (k, points, 5, nv) if some
-    # resist rolling, with the angular velocities about the tangents by the coefficient of rolling friction
-    depth: np.ndarray  # (k, points) [m]
-    axes: np.ndarray  # (k, points, 3, 3) normal and tangents in rows
 
 
 def trim(
@@ -187,7 +161,7 @@ def trim(
     passes = LAYING if contacts is not None else 0
     laid = _laid(scene, at, used, passes)
     at, force, wrong = found = _balanced(scene, laid, used)
-    if wrong and _rolling(scene).any():  # moments that nothing needs could be more than there are
+    if wrong and rolling_friction(scene).any():  # moments that nothing needs could be more than there are
         at, force, wrong = found = _balanced(scene, laid, used, rows=5)
     if wrong:  # upright on a slope is far from lying on it
         leaning = _balanced(scene, _laid(scene, _leaning(scene, laid), used, passes), used)
@@ -270,63 +244,6 @@ def _used(scene: CompiledScene, contacts: Iterable[str] | None) -> np.ndarray:
 # ------------------------------------------------------------------------------------------------ forces
 
 
-def _loads(scene: CompiledScene, q: np.ndarray) -> _Loads:
-    """Compute the forces at rest in the postures q (k, nq)."""
-    model, still = scene.model, np.zeros((len(q), scene.model.nv))
-    poses = forward_kinematics(model, q)
-    springs = sum((_spring_force(scene, poses, spring) for spring in scene.springs), np.zeros_like(still))
-    force = inverse_dynamics(model, q, still, still, gravity=scene.gravity) - springs
-    if scene.ground is None:
-        empty = np.zeros((len(q), 0))
-        return _Loads(force, springs, empty.reshape(len(q), 0, 3, model.nv), empty, empty.reshape(len(q), 0, 3, 3))
-    x = deepest_points(model, poses, (0.0, 0.0, 1.0))
-    for _ in range(2):  # the deepest point of a curved contact depends on the normal under it
-        under = ground_under(scene.ground, x.reshape(-1, 3)).reshape(*x.shape[:2], 7)
-        x = deepest_points(model, poses, under[..., :3])
-    under = ground_under(scene.ground, x.reshape(-1, 3)).reshape(*x.shape[:2], 7)
-    normal, first = under[..., :3], under[..., 3:6]
-    axes = np.stack([normal, first, np.cross(normal, first)], axis=-2)
-    columns = [_velocity(scene, poses, point.link, x[:, k]) for k, point in enumerate(model.contacts)]
-    J, rho = axes @ np.stack(columns, axis=1), _rolling(scene)
-    if rho.any():
-        turns = [by * jacobian_at(model, poses, point.link)[:, :3] for by, point in zip(rho, model.contacts)]
-        J = np.concatenate([J, axes[..., 1:, :] @ np.stack(turns, axis=1)], axis=2)
-    return _Loads(force, springs, J, -under[..., 6] * normal[..., 2], axes)
-
-
-def _rolling(scene: CompiledScene) -> np.ndarray:
-    """Return the coefficients of rolling friction of the contact points (points,) [m]."""
-    return np.array([point.rolling_friction for point in scene.model.contacts])
-
-
-def _velocity(scene: CompiledScene, poses: Poses, link: str, x: np.ndarray) -> np.ndarray:
-    """Return the Jacobian (k, 3, nv) of the point of a link that is at x (k, 3) in the world."""
-    J = jacobian_at(scene.model, poses, link)
-    arm = x - poses.position[:, link_index(scene.model, link)]
-    return J[:, 3:] + np.cross(J[:, :3], arm[:, :, None], axis=1)
-
-
-def _spring_force(scene: CompiledScene, poses: Poses, spring: Spring) -> np.ndarray:
-    """Return the generalized force (k, nv) of a spring."""
-    model, ends = scene.model, []
-    for link, point in ((spring.a, spring.point_a), (spring.b, spring.point_b)):
-        row = link_index(model, link)
-        ends.append(poses.position[:, row] + poses.rotation[:, row] @ np.array(point))
-    way = ends[1] - ends[0]
-    length = np.linalg.norm(way, axis=1, keepdims=True)
-    pull = spring.stiffness * (length - spring.length) * way / length
-    J = _velocity(scene, poses, spring.a, ends[0]) - _velocity(scene, poses, spring.b, ends[1])
-    return np.einsum("ki,kij->kj", pull, J)
-
-
-def _stiffness(scene: CompiledScene, name: str = "stiffness") -> np.ndarray:
-    """Return a number of the contact points, in the order of the model."""
-    assert scene.constants.contact is not None
-    found = np.zeros(len(scene.model.contacts))
-    found[by_body(scene.model, scene.tree)] = scene.constants.contact.points[name]
-    return found
-
-
 def _balanced(
     scene: CompiledScene,
     q: np.ndarray,
@@ -343,7 +260,7 @@ def _balanced(
     weight = model.mass * float(np.linalg.norm(scene.gravity))
     lever, aim = (SQUEEZE, np.zeros((int(used.sum()), rows - 1))) if aim is None else (HOLDING, aim)
     f = aim.copy()
-    scale, loads = _scale(scene), _loads(scene, q[None])
+    scale, loads = _scale(scene), loads_at(scene, q[None])
     for _ in range(PASSES):
         ways, loads, total, columns = _unbalanced(scene, chart, q, f, used, loads)
         columns = np.concatenate([columns, lever * np.eye(3 + f.size, columns.shape[1])[3:]])
@@ -353,12 +270,12 @@ def _balanced(
         f, before = f + step[3 : 3 + f.size].reshape(f.shape), q
         for _ in range(HALVINGS):  # of a way that ends in the air, where nothing is known of what is below
             q = _posed(scene, chart, before, (ways.T @ way)[:, None])[0]
-            if _loads(scene, q[None]).depth[0, used].max() > 0.0:
+            if loads_at(scene, q[None]).depth[0, used].max() > 0.0:
                 break
             way = 0.5 * way
         if left <= BALANCED * weight and np.abs(way).max() < 1e-6:
             break
-    loads, stiffness = _loads(scene, q[None]), _stiffness(scene)
+    loads, stiffness = loads_at(scene, q[None]), of_points(scene)
     force = np.zeros((len(used), rows))
     force[used, 0] = stiffness[used] * np.maximum(loads.depth[0, used], 0.0)
     force[used, 1:] = f
@@ -375,8 +292,8 @@ def _unbalanced(
     q: np.ndarray,
     f: np.ndarray,
     used: np.ndarray,
-    loads: _Loads,
-) -> tuple[np.ndarray, _Loads, np.ndarray, np.ndarray]:
+    loads: Loads,
+) -> tuple[np.ndarray, Loads, np.ndarray, np.ndarray]:
     """Return what is left of the forces (independent,), and its slopes by height, tilt, friction and loops.
 
     Before them the directions of `_nudged`, and the loads.  f (count, rows - 1), which becomes 0 of what is in the air.
@@ -384,7 +301,7 @@ def _unbalanced(
     model, rows = scene.model, f.shape[1] + 1
     reduced = coupling_matrix(model).matrix
     ways, loads = _nudged(scene, chart, q, loads, used)
-    normal = (_stiffness(scene) * np.maximum(loads.depth, 0.0))[:, used]
+    normal = (of_points(scene) * np.maximum(loads.depth, 0.0))[:, used]
     J, on = loads.J[:, used, :rows], normal[0] > 0.0
     f[~on] = 0.0
     total = loads.force - np.einsum("km,kmj->kj", normal, J[:, :, 0]) - np.einsum("mi,kmij->kj", f, J[:, :, 1:])
@@ -401,14 +318,14 @@ def _laid(scene: CompiledScene, q: np.ndarray, used: np.ndarray, passes: int) ->
     passes: iterations of the Gauss-Newton method, by which the depths of all points become equal.
     """
     assert scene.ground is not None
-    chart, loads = chart_of(scene, ("base_q",)), _loads(scene, q[None])
+    chart, loads = chart_of(scene, ("base_q",)), loads_at(scene, q[None])
     for _ in range(passes):
         ways, loads = _nudged(scene, chart, q, loads, used)
         depth = loads.depth[:, used]
         slopes = (depth[1:4] - depth[4:]).T / (2.0 * NUDGE)
         way = np.linalg.lstsq(slopes, scene.ground.penetration - depth[0], rcond=RANK)[0]
         q = _posed(scene, chart, q, (ways.T @ way)[:, None])[0]
-        loads = _loads(scene, q[None])
+        loads = loads_at(scene, q[None])
     up = loads.axes[0, used, 0].mean(axis=0) * (float(loads.depth[0, used].max()) - scene.ground.penetration)
     return np.concatenate([q[:3] + up, q[3:]])
 
@@ -429,8 +346,8 @@ def _scale(scene: CompiledScene) -> np.ndarray:
 
 
 def _nudged(
-    scene: CompiledScene, chart: Chart, q: np.ndarray, loads: _Loads, used: np.ndarray
-) -> tuple[np.ndarray, _Loads]:
+    scene: CompiledScene, chart: Chart, q: np.ndarray, loads: Loads, used: np.ndarray
+) -> tuple[np.ndarray, Loads]:
     """Return directions (3, 6) of the base, and the loads in seven poses: q, a little along each, and against each.
 
     The directions are up along the normal, and rotations about the two tangents through the base.
@@ -440,7 +357,7 @@ def _nudged(
     ways[0, :3], ways[1, 3:], ways[2, 3:] = normal, back @ first, back @ second
     ways *= _scale(scene)[:, None]
     x = np.concatenate([np.zeros((6, 1)), NUDGE * ways.T, -NUDGE * ways.T], axis=1)
-    return ways, _loads(scene, _posed(scene, chart, q, x))
+    return ways, loads_at(scene, _posed(scene, chart, q, x))
 
 
 def _posed(scene: CompiledScene, chart: Chart, q: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -489,7 +406,7 @@ def _within_cones(
         if not (limits > 0.0).all() or (np.hypot(given[..., 0], given[..., 1]) <= limits).all():
             break
         _, _, _, columns = _unbalanced(
-            scene, chart_of(scene, ("base_q",)), q, force[used, 1:].copy(), used, _loads(scene, q[None])
+            scene, chart_of(scene, ("base_q",)), q, force[used, 1:].copy(), used, loads_at(scene, q[None])
         )
         carries = np.ones(columns.shape[1], dtype=bool)
         carries[3 : 3 + force[used, 1:].size] = np.repeat(on, force.shape[1] - 1)
@@ -539,13 +456,13 @@ def _least_share(given: np.ndarray, limits: np.ndarray, slopes: np.ndarray) -> n
 def _limits(scene: CompiledScene, force: np.ndarray) -> np.ndarray:
     """Return how much friction [N] contacts have, and as much rolling friction, by its coefficient (points, 1 or 2)."""
     normal = force[:, :1]
-    slides = _stiffness(scene, "friction")[:, None] * normal
+    slides = of_points(scene, "friction")[:, None] * normal
     return slides if force.shape[1] == 3 else np.hstack([slides, normal])
 
 
 def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force: np.ndarray) -> Fault:
     """Return status and message of contacts that slip, or touch and should not; None if there are none."""
-    depth = _loads(scene, q[None]).depth[0]
+    depth = loads_at(scene, q[None]).depth[0]
     for k, point in enumerate(scene.model.contacts):
         if not used[k] and depth[k] > 0.0:
             return "touches", f"contact {k} of {point.link} is {depth[k]:.3g} m in the ground; name it, or lift it"
@@ -567,7 +484,7 @@ def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force:
 
 def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) -> Trim:
     """Return the equilibrium with what holds it, tried in a run of one period."""
-    model, n, loads = scene.model, scene.tree.n, _loads(scene, q[None])
+    model, n, loads = scene.model, scene.tree.n, loads_at(scene, q[None])
     carried = np.einsum("mi,mij->j", force, loads.J[0, :, : force.shape[1]])
     torque, G = np.zeros(model.nv), coupling_matrix(model).matrix
     leaders = leaders_of(model)
@@ -581,7 +498,7 @@ def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) 
     residual = forward_dynamics(model, q, np.zeros(model.nv), pulls, gravity=scene.gravity)
     state, torque = initial_state(scene, q, allow_limit_violation=True), torque[model.nv - n :]
     _put_contacts(scene, state, force)
-    reference, weak = _put_servos(scene, state, model.single_positions(q), torque)
+    reference, weak = put_servos(scene, state, model.single_positions(q), torque)
     tau = torque if reference is None else None
     change = _change(scene, state, reference, tau)
     fault = fault or weak
@@ -604,93 +521,6 @@ def _put_contacts(scene: CompiledScene, state: np.ndarray, force: np.ndarray) ->
     if force.shape[1] > 3:
         rolled = -force[order, 3:] * (contact.rolling.friction / contact.rolling.tangential_stiffness)[:, None]
         state[slice(*scene.part("rolling_deflection"))] = rolled.ravel()
-
-
-def _put_servos(
-    scene: CompiledScene, state: np.ndarray, angles: np.ndarray, torque: np.ndarray
-) -> tuple[np.ndarray | None, Fault]:
-    """Set the state of servos that hold these torques [N m]; return their references and a fault or None."""
-    actuator, names = scene.constants.actuator, scene.model.joint_names
-    if actuator is None:
-        return None, None
-    state[slice(*scene.part("torque"))] = torque
-    if isinstance(actuator, PDServo):
-        pd = actuator.pd
-        free = pd.Kp > 0.0
-        reference = angles + np.divide(torque, pd.Kp, out=np.zeros_like(angles), where=free)
-        weak = (np.abs(torque) > pd.torque_limit) | (~free & (torque != 0.0))
-        return reference, _weak(names, weak, torque)
-    motor, controller = motor_of(actuator), controller_of(actuator)
-    driven = motor.torque_constant > 0.0
-    current = np.divide(torque, motor.torque_constant, out=np.zeros_like(angles), where=driven)
-    voltage = motor.resistance * current
-    if isinstance(actuator, MipsdServo):
-        gear = actuator.gear
-        wound = np.divide(torque, gear.stiffness, out=np.zeros_like(angles), where=gear.stiffness > 0.0)
-        state[slice(*scene.part("rotor"))] = angles + wound + np.sign(torque) * gear.gap
-    asked = _asked(scene, state, voltage, current)
-    reference, integral, error, unreachable = _references(scene, angles, asked)
-    goals = {"current": current, "voltage": voltage, "integral": integral, "last_error": error}
-    goals["profiled_reference"] = reference
-    view = scene.state_view(state)
-    for name in view.keys() & goals.keys():
-        view[name][...] = goals[name]
-    delay = scene.constants.firmware.delay
-    if delay is not None:
-        state[slice(*scene.part("delayed"))] = np.tile(asked, delay.slots)
-    pwm = scene.constants.firmware.pwm
-    most = controller.voltage_limit * (1.0 if pwm is None else pwm.duty_limit)
-    weak = (np.abs(asked) > most) | (np.abs(current) > motor.current_limit) | unreachable | (~driven & (torque != 0.0))
-    return reference, _weak(names, weak, torque)
-
-
-def _weak(names: Iterable[str], weak: np.ndarray, torque: np.ndarray) -> Fault:
-    """Return the fault of servos that cannot hold their joints, or None."""
-    found = [f"{name} {value:.3g} N m" for name, bad, value in zip(names, weak, torque) if bad]
-    return ("too weak", f"servos cannot hold {', '.join(found)}: give another posture") if found else None
-
-
-def _asked(scene: CompiledScene, state: np.ndarray, voltage: np.ndarray, current: np.ndarray) -> np.ndarray:
-    """Return what controllers must demand (joints,) [V], at the nominal supply, for motors to get these voltages.
-
-    Behind a source with a resistance the bus has the voltage V = V0 - R P / V, P the power that the motors draw.
-    """
-    if scene.constants.supply is None:
-        return voltage
-    source, controller = scene.constants.supply[0], controller_of(scene.constants.actuator)
-    drawn = 4.0 * source.resistance * float(voltage @ current)
-    bus = 0.5 * (source.voltage + np.sqrt(max(source.voltage**2 - drawn, 0.0)))
-    state[slice(*scene.part("bus_voltage"))] = bus
-    state[slice(*scene.part("duty"))] = voltage / bus
-    return controller.voltage_limit * voltage / bus
-
-
-def _references(
-    scene: CompiledScene, angles: np.ndarray, voltage: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return references, integrals and errors (joints,) for which controllers demand these voltages; which cannot."""
-    controller, band = controller_of(scene.constants.actuator), scene.constants.firmware.band
-    reference, integral, error = angles.copy(), np.zeros_like(angles), np.zeros_like(angles)
-    unreachable = np.zeros(len(angles), dtype=bool)
-    for i, c in enumerate(controller):
-        angle, resolution = float(angles[i]), float(c.encoder_resolution)
-        if resolution > 0.0:  # as the encoder reads it
-            angle = float(np.round(angle / resolution) * resolution)
-        margin, punch = (0.0, 0.0) if band is None else (band[i].compliance_margin, band[i].punch)
-        speed = c.law == PID_SPEED
-        reference[i] = angle
-        rest = float(voltage[i]) - c.Kf * angle
-        if c.Ki != 0.0:
-            integral[i] = rest / c.Ki
-        elif rest != 0.0:
-            side = np.sign(rest)
-            slope = c.Kf if speed else c.Kp + c.Kf
-            beyond = 0.0 if speed else c.Kp * margin - punch
-            by = (rest + side * beyond) / slope if slope else 0.0
-            reference[i] += by
-            unreachable[i] = slope == 0.0 or (not speed and by * side < margin)
-            error[i] = 0.0 if speed else by - side * margin
-    return reference, integral, error, unreachable
 
 
 def _change(scene: CompiledScene, state: np.ndarray, reference: np.ndarray | None, tau: np.ndarray | None) -> float:

@@ -24,7 +24,7 @@ GROUPS = 6  # of parameters
 # as slipping and sticking, which bend the cost by little.
 NOTABLE, NOTABLE_OF_BENDS = 1e-3, 1e-2
 OFF = 0.1  # relative difference from which a gradient is doubtful
-FIRST, LEAST, LARGEST = 1e-3, 1e-6, 3e-2  # of widths, relative to the parameters' scales
+FIRST_WIDTH, LEAST_WIDTH, LARGEST_WIDTH = 1e-3, 1e-6, 3e-2  # of widths, relative to the parameters' scales
 FINER = math.sqrt(10.0)  # factor between widths
 FEW, MANY = 4, 13  # steps by which events move from one side to the other
 SUDDEN = ("contact made", "contact broken", "bodies touch", "bodies part", "stop reached", "stop left")
@@ -69,7 +69,7 @@ def _groups(sizes: np.ndarray, notable: float) -> list[tuple[np.ndarray, float]]
 
 def _difference(step: np.ndarray, run: Run, timestep: float) -> float:
     """Return a central difference of the cost that moves the events by several steps; where they stay, the first."""
-    width, way, found = FIRST, 0, math.nan
+    width, way, found = FIRST_WIDTH, 0, math.nan
     while True:
         (up, after), (down, before) = (run(sign * width * step) for sign in (1.0, -1.0))
         shift = _shift(after, before, timestep)
@@ -77,7 +77,7 @@ def _difference(step: np.ndarray, run: Run, timestep: float) -> float:
             found = (up - down) / (2.0 * width)
         turn = (shift < FEW) - (shift > MANY)
         other = width * FINER**turn
-        if turn in (0, -way) or not LEAST <= other <= LARGEST:
+        if turn in (0, -way) or not LEAST_WIDTH <= other <= LARGEST_WIDTH:
             return found
         way, width = turn, other
 

@@ -166,6 +166,43 @@ def number(text: str) -> float:
 # ---------------------------------------------------------------------------------------------- JSON and arrays
 
 
+def read_columns(
+    path: Path, form: Format, names: Sequence[str], optional: Sequence[str], least: int, others: bool = False
+) -> tuple[dict[str, np.ndarray], list[int]]:
+    """Read a table of numbers: its columns by name, and the line of each row.
+
+    The columns `names` must be there; with `others` further ones may be, whose cells need not be numbers.  Raises
+    ValueError, naming file, line and column, on anything else and on less than `least` rows.
+    """
+    import numpy as np
+
+    lines = list(read_csv(path, form)) or [(1, [])]
+    head = [name.strip() for name in lines[0][1]]
+    known = (*names, *optional)
+    problems = {name: "is unknown" for name in head if name not in known and not others}
+    problems |= {name: "is missing" for name in names if name not in head}
+    problems |= {name: "is there twice" for name in known if head.count(name) > 1}
+    for name, problem in problems.items():
+        leave_out = f" ({', '.join(optional)} may be left out)" if optional else ""
+        raise ValueError(
+            f"{path}, line {lines[0][0]}: column {name!r} {problem}; name the columns {', '.join(known)}{leave_out}, "
+            "separated by commas"
+        )
+    rows = []
+    for line, cells in lines[1:]:
+        if len(cells) != len(head):
+            problem = f"has {len(cells)} values, expected {len(head)}; complete or delete it"
+            raise ValueError(f"{path}, line {line}: {problem}")
+        rows.append([number(cell) for cell in cells])
+        for name, value, cell in zip(head, rows[-1], cells):
+            if name in known and not math.isfinite(value):
+                problem = f"{cell[:40]!r} is not a finite number, with a decimal point; correct it, or delete the line"
+                raise ValueError(f"{path}, line {line}, column {name!r}: {problem}")
+    if len(rows) < least:
+        raise ValueError(f"{path}: has {len(rows)} samples; give {least} or more rows below the header")
+    return dict(zip(head, np.array(rows).T)), [line for line, _ in lines[1:]]
+
+
 def parse_json(text: str | bytes, what: str, remedy: str) -> dict[str, Any]:
     """Parse the JSON object in a text; raise ValueError, with `what` it is and a remedy, if there is none."""
     try:

@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from ..dynamics.tree import GRAVITY, followed
 from ..geometry.contact_choice import with_contacts
 from ..model import Ground, Joint, Link, Model, Supply
 from ..model.placed import Placed
@@ -21,14 +22,13 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate, standing_state
 from ..scene.actuator import GearboxKind
 from ..scene.compile import CompiledScene, compile_scene
-from ..scene.tree import GRAVITY, followed
 from .case import Case, case_of
 from .default_several import several_cases
 from .pair_scenes import pair_cases
 from .robots import folders, published
 from .scenes import CENTER, NO_FALL, ball, box, humanoids, problems, stressed, unlimited
 
-FAR = 100.0  # height above a ground that is never touched [m]
+FREE_HEIGHT = 100.0  # height above a ground that is never touched [m]
 WEAK = (0.0, 0.0, -1e-9)  # gravity, which a ground must have [m/s^2]
 EVERY = 12  # robot that runs if not all do, and these:
 CHOSEN = ("model_for_sdf", "talos_reduced", "xarm6_with_gripper", "centauro")
@@ -208,7 +208,7 @@ def free_cases() -> Iterator[Case]:
     humanoid = load_robot("humanoid", locked="simplified")
     n = len(humanoid.joint_names)
     turning = [0.0, 0.0, 0.0, 6.0, 6.0, 5.3, *[0.0] * n]  # 10 rad/s
-    high = [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0, *[0.0] * n]
+    high = [0.0, 0.0, FREE_HEIGHT, 1.0, 0.0, 0.0, 0.0, *[0.0] * n]
     ways: Sequence[tuple[GearboxKind | None, tuple]] = (("mipsd", WEAK), (None, WEAK), ("mipsd", GRAVITY))
     for gearbox, gravity in ways:
         scene = compile_scene(humanoid, gearbox, Ground(), gravity=gravity, **NO_FALL)
@@ -231,7 +231,7 @@ def spinning(name: str, speed: float, duration: float, **more: Any) -> Case:
     """Spin the box about no principal axis, far above the ground."""
     scene = compile_scene(box(), None, Ground(), gravity=WEAK, **NO_FALL)
     turning = [0.0, 0.0, 0.0, 0.6 * speed, 0.0, 0.8 * speed]
-    return case_of(name, "free bodies", scene, duration, [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0], turning, **more)
+    return case_of(name, "free bodies", scene, duration, [0.0, 0.0, FREE_HEIGHT, 1.0, 0.0, 0.0, 0.0], turning, **more)
 
 
 def top() -> Model:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..dynamics.tree import GRAVITY
 from ..geometry.body import body
 from ..geometry.distance import shape_table
 from ..model import Ground
@@ -26,7 +27,6 @@ from ..run.overlap import OverlapWarning
 from ..run.reference import Reference
 from ..run.simulate import initial_state
 from ..scene.compile import CompiledScene, compile_scene
-from ..scene.tree import GRAVITY
 from .case import Case
 
 KIND = "pairs"  # first word of the kinds of these scenes

@@ -17,9 +17,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from ..base.rotation import rotation_from_rpy
-from ..core.tree.distance import Room
-from ..core.tree.paint import cover
-from ..core.tree.ray import cast_rays
+from ..core.shapes.distance import Room
+from ..core.shapes.paint import cover
+from ..core.shapes.ray import cast_rays
 from ..geometry.distance import shape_tables
 from ..geometry.hull import hull_triangles
 from ..model import FloorLine, HeightField
@@ -111,7 +111,7 @@ def _own(shapes: list[Shape], directions: np.ndarray) -> tuple[Callable[[], None
     room = Room(np.zeros((count, 9)), np.zeros((count, 3)), np.zeros((4, 3)))
     pose, rays = (np.eye(3)[None, None], np.zeros((1, 1, 3))), np.zeros((2, 8, len(directions)))
     mounted, out = np.hstack([np.zeros_like(directions), directions]), np.zeros((1, len(directions)))
-    return lambda: cast_rays(table, room, *pose, 0, -1, mounted, math.inf, rays, out), out
+    return lambda: cast_rays(table, room, pose, 0, mounted, math.inf, rays, out), out
 
 
 def _of_mujoco(shapes: list[Shape], directions: np.ndarray) -> tuple[Callable[[], None], np.ndarray]:

@@ -27,11 +27,11 @@ import numpy as np
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.tree.layout import Motion, Robot
 from ..dynamics import inverse_dynamics, mass_matrix
+from ..dynamics.tree import GRAVITY, compile_tree
 from ..model import Model
 from ..robot_file import load_robot
 from ..run.simulate import simulate_batch
 from ..run.trajectory import positions
-from ..scene.tree import GRAVITY, compile_tree
 from ..view.style import look, subplots
 from . import repeated
 from .case import Run, deviation, solution
@@ -217,7 +217,7 @@ def _timer(
     base = aligned((1, 6, *lanes)) if tree.floating else None
     out = aligned((1, tree.n, *lanes))
     robot, moving = Robot(tree.bodies, None, np.array(GRAVITY)), Motion(*bases[:2], None, *joints[:2], None)
-    arguments: tuple = (robot, moving, bases[2], joints[2], None, work, base, out)
+    arguments: tuple = (robot, moving, bases[2], joints[2], None, (work, None), base, out, None)
     if algorithm == "RNEA":
         arguments = (robot, Motion(*bases, *joints), None, work, base, out)
     elif algorithm == "CRBA":

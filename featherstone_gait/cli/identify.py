@@ -140,7 +140,8 @@ def _fit_any(args: Namespace) -> int:
 def _swinging(args: Namespace) -> Model:
     """Return the robot whose servo is recorded."""
     from ..base.arguments import real
-    from ..identification.bench import BENCHES, pendulum
+    from ..identification.bench import BENCHES
+    from ..identification.bench_rollouts import pendulum
     from ..robot_file import load_robot, load_servo
     from ..robot_file.servos import without_actuators
 

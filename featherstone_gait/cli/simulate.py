@@ -194,8 +194,8 @@ def _swinging(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[np.
 
 def _first_at(scene: CompiledScene, home: np.ndarray, angle: float | None) -> np.ndarray:
     """Return q (nq,) with the first joint at an angle [rad], a ball joint turned by it about x, the others at home."""
+    from ..dynamics.tree import followed
     from ..model.numpy_dynamics import at_joints
-    from ..scene.tree import followed
 
     joints = home.copy()
     if angle is not None and scene.model.moving_joints[0].type != "ball":

@@ -41,7 +41,7 @@ THICKNESS = 0.01  # of a box under a link [m]
 FLAT = 1e-6  # how far contact points may lie off the underside of one box [m]
 SETTLING = 1.0  # time for which a robot stands before its penetration is read [s]
 LIGHT = 1e-9, 1e-12  # mass [kg] and moments of inertia [kg m^2] of a rotor's body, beside its armature
-LEAST = 1e-9  # of a joint's dry friction [N m], so that MuJoCo keeps a constraint for it
+LEAST_FRICTION = 1e-9  # of a joint's dry friction [N m], so that MuJoCo keeps a constraint for it
 PREFIX = "rotor of "
 
 
@@ -325,7 +325,7 @@ def _budget(machine: Machine, t_m: np.ndarray) -> np.ndarray:
     dry[d.efc_id[: d.nefc][constrained]] = d.efc_force[: d.nefc][constrained]
     speed = d.qvel[joints]
     t_e = machine.armature * d.qacc[joints] + machine.viscous * speed - t_m - dry[joints]
-    return np.maximum(machine.coulomb + machine.chain.gears.budget(speed, t_m, t_e), LEAST)
+    return np.maximum(machine.coulomb + machine.chain.gears.budget(speed, t_m, t_e), LEAST_FRICTION)
 
 
 def place(machine: Machine, q: np.ndarray) -> None:
@@ -446,7 +446,7 @@ def machine_of(
     rigid = m.dof_armature[v] if scene.gearbox == "rotor" else armature
     viscous, coulomb = m.dof_damping[v].copy(), m.dof_frictionloss[v].copy()
     if loaded:  # budgets come each step
-        m.dof_frictionloss[v] = np.maximum(coulomb, LEAST)
+        m.dof_frictionloss[v] = np.maximum(coulomb, LEAST_FRICTION)
     m.dof_solref[v], m.dof_solimp[v, :2] = (2.0 * h, 1.0), 0.9999  # joints that stick hardly creep
     loops = np.isin(m.eq_type, [getattr(mujoco.mjtEq, f"mjEQ_{kind}") for kind in ("CONNECT", "WELD", "TENDON")])
     m.eq_solref[loops], m.eq_solimp[loops, :2] = (2.0 * h, 1.0), 0.9999  # and loops hardly open

@@ -15,7 +15,7 @@ from ..base.arguments import instance, real, vector, whole
 from ..base.files import FilePath
 from ..judge import Judgment, PolicyDescription, judge, load_policy
 from ..judge.doubts import draw_worlds
-from ..judge.run import LEAST, MOST_WORLDS, rolled, scene_of, timing_of, verdicts_of
+from ..judge.run import MOST_WORLDS, WALKING_SHARE, rolled, scene_of, timing_of, verdicts_of
 from ..model import Model
 from ..run.session import Session
 from ..run.start import positions_in
@@ -133,7 +133,7 @@ def crosscheck_policy(
     timing = timing_of(acting.description, robots.tick, end)
     here = judge(acting, own, count, end, asked, seed, doubts=tables, again=0)
     found = rolled(acting, cast(Session, robots), drawn, timing, asked)
-    return PolicyCheck(lies, verdicts_of(found, acting, asked, end, LEAST), found.worlds, here)
+    return PolicyCheck(lies, verdicts_of(found, acting, asked, end, WALKING_SHARE), found.worlds, here)
 
 
 class _Robots:

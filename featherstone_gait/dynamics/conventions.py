@@ -24,7 +24,7 @@ from ..base.arguments import finite, floats, one_of
 from ..base.fixed_order import applied, total
 from ..base.rotation import rotation_from_quaternion
 from ..model import Model
-from .algorithms import check_model
+from .states import check_model
 
 Engine = Literal["mujoco", "pinocchio", "drake"]
 

@@ -25,12 +25,14 @@ from ..base.rotation import cross, dot, rotation_from_rpy
 from ..core.compile.elementary import NEAR
 from ..model import Joint, Loop, Model
 from ..model.numpy_dynamics import at_joints
-from .algorithms import Poses, check_model, forward_kinematics, loop_gaps, loop_measures
 from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, point_at
+from .kinematics import Poses, forward_kinematics
+from .loops import loop_gaps, loop_measures
+from .states import check_model
 
 Status = Literal["ok", "limits", "out of reach", "not converged"]
 
-MOST = 10**9  # iterations, and starts
+MOST_TRIES = 10**9  # iterations, and starts
 HEAVIEST = 1e20  # weight, whose square is still far below the largest number
 TIGHTEST = 1e-300  # tolerance, whose square is still above zero
 SETTLED = 1e-6  # largest cosine between the error and a column of its Jacobian
@@ -165,8 +167,8 @@ def inverse_kinematics(
     if not goals:
         raise ValueError(f"{model.name}: there is no target; give at least one Target(link, position)")
     real("tolerance", tolerance, TIGHTEST, math.inf, "1e-9 is usual")
-    restarts = whole("restarts", restarts, 0, "it is how many other starts are tried", MOST)
-    max_iterations = whole("max_iterations", max_iterations, 0, "200 is usual", MOST)
+    restarts = whole("restarts", restarts, 0, "it is how many other starts are tried", MOST_TRIES)
+    max_iterations = whole("max_iterations", max_iterations, 0, "200 is usual", MOST_TRIES)
     seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     task = _Task(model, goals, _freedom(model, joints, hold_base), tolerance, max_iterations)
     rng, start = np.random.default_rng(seed), _start(task, q0)
@@ -223,7 +225,7 @@ def close_loops(
     check_model(model)
     instance("hold_base", hold_base, (bool, np.bool_), "give True or False")
     real("tolerance", tolerance, TIGHTEST, math.inf, "1e-11 is usual")
-    max_iterations = whole("max_iterations", max_iterations, 0, "200 is usual", MOST)
+    max_iterations = whole("max_iterations", max_iterations, 0, "200 is usual", MOST_TRIES)
     task = _Task(model, [], _freedom(model, joints, hold_base), tolerance, max_iterations)
     start = _start(task, q)
     if not model.loops:

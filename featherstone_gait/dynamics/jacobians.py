@@ -21,7 +21,8 @@ from ..base.rotation import cross, rotation_from_rpy
 from ..model import Joint, Model
 from ..model.links import COMPOSITE
 from ..model.rigid_bodies import depth_first_joints
-from .algorithms import Poses, check_model, forward_kinematics
+from .kinematics import Poses, forward_kinematics
+from .states import check_model
 
 link_index = Model.link_index
 

@@ -1,4 +1,4 @@
-"""Velocities that couplings and loops leave free, and those that follow from them."""
+"""Gaps and Jacobians of loops; the velocities that couplings and loops leave free, and those that follow from them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,13 @@ from numpy.typing import ArrayLike
 from ..base.arguments import finite, texts
 from ..base.brief import brief
 from ..base.fixed_order import applied, product
+from ..core.tree import batch
+from ..core.tree.layout import Robot
+from ..core.tree.rows import LOOP
 from ..model import Model
-from .algorithms import check_model, coupling_matrix, loop_measures
+from .loop_table import build_loops
+from .states import as_given, as_rows, check_model, motion_of, workspace_of
+from .tree import compile_tree
 
 DEPENDENT = 1e-6  # of the largest pivot: what digits of files leave of a row that others imply
 
@@ -150,3 +155,114 @@ def eliminated(A: np.ndarray, b: np.ndarray, last: np.ndarray) -> tuple[list[int
     follows = -A[rows]
     follows[:, -1] *= -1.0
     return [column for _, column in pivots], follows
+
+
+class Coupling(NamedTuple):
+    """The positions and velocities of all joints as functions of those of the independent (uncoupled) ones.
+
+    Attributes
+    ----------
+    matrix : numpy.ndarray
+        G (nv, m): velocities qd = G @ (velocities of the base and of the independent joints, in file order).
+    offset : numpy.ndarray
+        Offsets (joints,): positions = rows of G of the joints @ (positions of the independent joints) + offset
+        [rad or m].
+    """
+
+    matrix: np.ndarray
+    offset: np.ndarray
+
+    def __repr__(self) -> str:
+        return brief(self)
+
+
+def coupling_matrix(model: Model) -> Coupling:
+    """Compute how the velocities of all joints follow from those of the independent ones.
+
+    G' M G and G' c are mass matrix and bias forces of the motion that the couplings leave.  G is the identity for a
+    robot without coupled joints.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+
+    Returns
+    -------
+    Coupling
+        Matrix G (nv, m) and offset (joints,).
+    """
+    check_model(model)
+    G, offset, followers = np.eye(model.nv), np.zeros(len(model.joint_names)), []
+    for name, leader, multiplier, at_zero in model.couplings:
+        row = model.qd_index(name)
+        G[row], G[row, model.qd_index(leader)] = 0.0, multiplier
+        offset[model.joint_rows[name]] = at_zero
+        followers.append(row)
+    return Coupling(np.delete(G, followers, axis=1), offset)
+
+
+def loop_gaps(model: Model, q: ArrayLike) -> np.ndarray:
+    """Compute by how much loops are open.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Gaps (m,) or (n, m), loop by loop: of points a - b along the world's axes (3) [m], of a weld also twice the
+        vector part of the quaternion of its frames (3), about the angle [rad], of a hinge the cosines between its axis
+        in b and two axes across it in a (2), of a distance its excess (1) [m].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
+    return as_given(loop_measures(model, q)[0][:, 0], q)
+
+
+def loop_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
+    """Compute the Jacobian of loops: J qd is the rate of `loop_gaps`, of welds in all but their rotation.
+
+    The rows of a weld's rotation are the angular velocity of the first link against the second in world axes, which is
+    the rate of that gap where it is closed.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        J (m, nv) or (n, m, nv).
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
+    return as_given(loop_measures(model, q)[1], q)
+
+
+def loop_measures(
+    model: Model, q: ArrayLike, qd: ArrayLike | None = None, places: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute gap, J qd and Jdot qd (n, 3, m) of loops, and J (n, m, nv); places: other ones than the loops' own."""
+    x = as_rows(check_model(model), q=q, qd=np.zeros(model.nv) if qd is None else qd)
+    tree, loops, n = compile_tree(model), build_loops(model), len(x["q"])
+    measures, J = np.zeros((n, 3, loops.rows)), np.zeros((n, loops.rows, tree.n))
+    base_J = np.zeros((n, loops.rows, 6)) if tree.floating else None
+    robot, at = Robot(tree.bodies, None, np.zeros(3)), motion_of(tree, x["q"], x["qd"])
+    held = loops.held if places is None else (loops.held[0], places)
+    scratch = workspace_of(tree), np.zeros((loops.rows, LOOP))
+    batch.loop_rows(robot, (loops.table, held), at, *scratch, measures, base_J, J)
+    return measures, J if base_J is None else np.concatenate([base_J, J], axis=2)

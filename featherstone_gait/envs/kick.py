@@ -37,7 +37,7 @@ RADIUS, MASS = 0.05, 0.2  # of the ball [m, kg]
 CLEAR = 0.03  # between the toes and the ball at the start [m]
 GOAL, WIDTH = 1.0, 0.8  # distance of the goal from the robot's start, and between the middles of its posts [m]
 POST = (0.04, 0.04, 0.3)  # [m]
-FAR = 100.0  # that a picture can show a ball [m]
+FARTHEST_BALL = 100.0  # that a picture can show a ball [m]
 PLACED = 0.01  # range of the ball's place at the start [m]
 SCORED = 1.0  # reward for a goal
 
@@ -160,7 +160,9 @@ class _Kickers(_Robots):
         ball = self.scene.member(BALL).model.links[0]
         for name, axis in (("along", (1.0, 0.0, 0.0)), ("across", (0.0, 1.0, 0.0)), (BALL, (0.0, 0.0, 1.0))):
             links.append(replace(ball, name=name) if name == BALL else Link(name))
-            joints.append(Joint(f"{BALL}/{name}", "prismatic", last, name, axis=axis, lower=-FAR, upper=FAR))
+            joints.append(
+                Joint(f"{BALL}/{name}", "prismatic", last, name, axis=axis, lower=-FARTHEST_BALL, upper=FARTHEST_BALL)
+            )
             last = name
         shape = Shape(last, Sphere(RADIUS))
         both = replace(model, links=tuple(links), joints=tuple(joints), shapes=(*model.shapes, shape))

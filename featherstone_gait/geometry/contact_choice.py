@@ -24,13 +24,13 @@ from ..dynamics import Poses, forward_kinematics
 from ..model import ContactPoint, Model, depth_first
 from ..model.rest_posture import nearest_posture, standing_keyframe
 from ..model.shapes import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
-from .hull import MOST, Corners, corners_of, hull_indices
+from .hull import MOST_CORNERS, Corners, corners_of, hull_indices
 from .mesh import mesh_corners, mesh_hull
 
 Choice: TypeAlias = str | Sequence[str]  # "all", "feet" or names of links
 
 COARSE = 0.01  # of a shape's size, by which its hull may reach beyond its corners without a warning
-THINNED = f"took hulls and meshes as {MOST} of their corners"
+THINNED = f"took hulls and meshes as {MOST_CORNERS} of their corners"
 FOOT = 0.1  # of the robot's height
 LEVEL = 1e-3  # of the robot's height, within which of the lowest contact point others carry the robot too
 SOLE = 0.5  # of a foot's shape: the lower part whose corners are kept

@@ -23,9 +23,10 @@ from numpy.typing import ArrayLike
 from ..base.brief import brief
 from ..base.fixed_order import applied
 from ..base.flaws import quoted
+from ..base.records import records
 from ..base.rotation import rotation_from_rpy
 from ..core.compile.elementary import SINCOS_LIMIT
-from ..core.tree.distance import (
+from ..core.shapes.distance import (
     BOX,
     CYLINDER,
     FIELD,
@@ -39,14 +40,13 @@ from ..core.tree.distance import (
     least_distances,
     pair_distances,
 )
-from ..core.tree.field_contact import COLUMNS, MANY, FieldBench
-from ..core.tree.patch import Bench
+from ..core.shapes.field import COLUMNS, MANY, FieldBench
+from ..core.shapes.patch import Bench
 from ..dynamics import Poses, check_model, forward_kinematics
 from ..model import HeightField, Model, rigid_bodies
 from ..model.pair_friction import shape_names
 from ..model.rest_posture import nearest_posture
 from ..model.shapes import Box, Capsule, Cylinder, Shape, Sphere
-from ..scene.records import records
 from .contact_choice import corner_error, local_corners
 from .hull import Sides, sides
 from .polytope import Polytope, box, hull, segment

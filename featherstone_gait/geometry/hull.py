@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..base.fixed_order import total
 from ..base.portable_math import sincos
 
-MOST = 32  # corners
+MOST_CORNERS = 32  # corners
 ENOUGH = 1e-4  # largest distance from a corner left out that is not worth another corner, relative to the extent
 CANDIDATES = 500  # corners among which to choose
 ALIKE = 1e-9  # points closer to a plane or line than this, relative to the extent, lie in it
@@ -31,7 +31,7 @@ class Corners(NamedTuple):
     error: float  # largest distance of the hull from that of these corners [m]
 
 
-def corners_of(points: ArrayLike, most: int = MOST) -> Corners:
+def corners_of(points: ArrayLike, most: int = MOST_CORNERS) -> Corners:
     """Thin the convex hull of points (n, 3) [m] to at most `most` corners (>= 14).
 
     If there are more, the farthest along 14 directions are taken, then again and again the one farthest from the hull

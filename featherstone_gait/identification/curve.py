@@ -24,7 +24,7 @@ import numpy as np
 
 from ..base.arguments import instance, real, whole
 from ..base.brief import brief
-from ..core.effects.gear_friction import BLEND, MOST
+from ..core.effects.gear_friction import BLEND, JAMMING_SHARE
 from ..model import TORQUE_LAWS, Servo
 from ..view.style import COLORS, look
 
@@ -179,7 +179,7 @@ def _budget(servo: Servo, t_m: float, t_e: float, v: float) -> float:
     g = servo.gearbox
     S = math.exp(-((v / g.stribeck_speed) ** g.stribeck_exponent)) if v > 0.0 else 1.0
     grows = g.external_load_friction + S * g.stribeck_external_load
-    seen = t_e * min(1.0, MOST / grows) if grows > 0.0 else t_e
+    seen = t_e * min(1.0, JAMMING_SHARE / grows) if grows > 0.0 else t_e
     square = 0.0
     if t_e * t_m < 0.0:
         w = min(max(0.5 + 0.5 * (abs(t_e) - abs(t_m)) / (BLEND * (abs(t_e) + abs(t_m))), 0.0), 1.0)

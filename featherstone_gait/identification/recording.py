@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import numpy as np
 from ..base.arguments import finite, instance, is_real, listed, shown
 from ..base.arguments import path as path_of
 from ..base.brief import brief
-from ..base.files import FilePath, Format, number, read_csv, write_csv
+from ..base.files import FilePath, Format, read_columns, read_csv, write_csv
 from ..model import SERVO_UNITS
 
 FORMAT = Format("recording")
@@ -174,41 +174,6 @@ def write_recording(path: FilePath, recording: Recording) -> None:
     measured = (recording.time, recording.reference, recording.angle, recording.voltage)
     columns = [column for column in measured if column is not None]
     write_csv(path, FORMAT, COLUMNS[: len(columns)], np.column_stack(columns).tolist())
-
-
-def read_columns(
-    path: Path, form: Format, names: Sequence[str], optional: Sequence[str], least: int, others: bool = False
-) -> tuple[dict[str, np.ndarray], list[int]]:
-    """Read a table of numbers: its columns by name, and the line of each row.
-
-    The columns `names` must be there; with `others` further ones may be, whose cells need not be numbers.  Raises
-    ValueError, naming file, line and column, on anything else and on less than `least` rows.
-    """
-    lines = list(read_csv(path, form)) or [(1, [])]
-    head = [name.strip() for name in lines[0][1]]
-    known = (*names, *optional)
-    problems = {name: "is unknown" for name in head if name not in known and not others}
-    problems |= {name: "is missing" for name in names if name not in head}
-    problems |= {name: "is there twice" for name in known if head.count(name) > 1}
-    for name, problem in problems.items():
-        leave_out = f" ({', '.join(optional)} may be left out)" if optional else ""
-        raise ValueError(
-            f"{path}, line {lines[0][0]}: column {name!r} {problem}; name the columns {', '.join(known)}{leave_out}, "
-            "separated by commas"
-        )
-    rows = []
-    for line, cells in lines[1:]:
-        if len(cells) != len(head):
-            problem = f"has {len(cells)} values, expected {len(head)}; complete or delete it"
-            raise ValueError(f"{path}, line {line}: {problem}")
-        rows.append([number(cell) for cell in cells])
-        for name, value, cell in zip(head, rows[-1], cells):
-            if name in known and not math.isfinite(value):
-                problem = f"{cell[:40]!r} is not a finite number, with a decimal point; correct it, or delete the line"
-                raise ValueError(f"{path}, line {line}, column {name!r}: {problem}")
-    if len(rows) < least:
-        raise ValueError(f"{path}: has {len(rows)} samples; give {least} or more rows below the header")
-    return dict(zip(head, np.array(rows).T)), [line for line, _ in lines[1:]]
 
 
 def check_recordings(recordings: object, kind: type) -> list:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..base.fixed_order import total
 from ..base.portable_math import sincos
-from ..core.effects.ground import Field, facets
+from ..core.shapes.ground import Field, facets
 from ..dynamics import contact_positions
 from ..model import Ground, HeightField, Model
 from ..model.rest_posture import nearest_posture, standing_keyframe

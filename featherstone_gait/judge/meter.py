@@ -8,8 +8,7 @@ from ..base.fixed_order import applied, total
 from ..base.portable_math import angle as angle_of
 from ..base.portable_math import sincos
 from ..core.step.state import BY_NAME
-from ..dynamics import contact_positions_at, forward_kinematics
-from ..dynamics.algorithms import Poses
+from ..dynamics import Poses, contact_positions_at, forward_kinematics
 from ..run.session import Session
 from ..scene.compile import CompiledScene
 from .floors import Floors

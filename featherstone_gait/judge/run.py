@@ -33,7 +33,7 @@ from .policy import Policy, load_policy
 
 SAMPLE = 5e-3  # longest time between two measurements of torques and currents [s]
 MOST_WORLDS = 10**5
-LEAST = 0.1  # share of the commanded way from which on a robot walks
+WALKING_SHARE = 0.1  # share of the commanded way from which on a robot walks
 WHOLE = 1e-6  # tolerance of ticks in a step of the policy
 STIFFER = 0.2  # share by which servos may hold more or less stiffly without a note
 RECORD = ("q", "base_q", "contact_force")
@@ -55,7 +55,7 @@ def judge(
     description: FilePath | PolicyDescription | None = None,
     doubts: FilePath | Mapping[str, Any] | None = None,
     again: int = AGAIN,
-    least: float = LEAST,
+    least: float = WALKING_SHARE,
     threads: int | None = None,
 ) -> Judgment:
     """Judge a policy in many worlds: whether it walks, for how many joules, and what it breaks on.

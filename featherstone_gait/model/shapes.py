@@ -18,7 +18,7 @@ from .ground import HeightField
 from .surface import Surface
 
 Vector = tuple[float, float, float]
-MOST = 2**31 - 1  # priority
+LARGEST_PRIORITY = 2**31 - 1  # priority
 
 
 class _Round:
@@ -205,7 +205,8 @@ class Shape:
                 check(number_flaws(what, name, getattr(self, name), ">= 0", "m", remedy))
         if self.priority is not None:
             remedy = "give a whole number, or None"
-            object.__setattr__(self, "priority", whole(f"{what}: priority", self.priority, -MOST, remedy, MOST))
+            priority = whole(f"{what}: priority", self.priority, -LARGEST_PRIORITY, remedy, LARGEST_PRIORITY)
+            object.__setattr__(self, "priority", priority)
         _freeze(self, what, "xyz", "rpy")
 
 

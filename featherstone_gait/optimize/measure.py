@@ -18,12 +18,12 @@ from ..model import Model
 from ..robot_file import load_servo
 from ..robot_file.servos import servo_names
 from ..scene.actuator import usual_gearbox
-from ..view.gait_page import least_so_far, parts_of
 from ..walking.cost import WalkingCost
 from ..walking.feedback import BalancedWalk
 from ..walking.walker import GENERIC
 from .baselines import Stored, measure_baselines, stored_baselines
 from .feedback import report_feedback
+from .gait_page import least_so_far, parts_of
 from .planning import Start
 from .preparation import Job
 from .quality import Quality, measure_in_test_worlds, measure_limits, measure_quality, with_standby

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 
 from ..base.arguments import one_of
+from ..dynamics.tree import GRAVITY
 from ..model import Ground, Model
 from ..scene.actuator import servo_gearbox
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
-from ..scene.tree import GRAVITY
 from ..walking.cheapest_plan import PlanKind, States, check_speed, first_gait, gentle_plan
 from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import CostInWorlds, in_worlds

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import OptimizeResult
 
-from ..view.gait_page import candidate_numbers, least_so_far, parts_of
 from ..view.style import BAD, BLUE, look
 from ..walking.cost import WalkingCost
+from .gait_page import candidate_numbers, least_so_far, parts_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,12 +17,12 @@ from scipy.optimize import OptimizeResult
 from .. import __version__
 from ..base.files import Format, moving_up
 from ..crosscheck.run import files as crosscheck_files
-from ..view.gait_page import write_gait_page
 from ..view.page import write_animation
 from ..walking.cost import WalkingCost
 from ..walking.feedback import add_feedback
 from ..walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from ..walking.limits import LIMITS
+from .gait_page import write_gait_page
 from .measure import servo_in_file, servo_name
 from .planning import Start
 from .plots import plot_angles, plot_convergence

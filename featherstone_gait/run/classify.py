@@ -14,7 +14,7 @@ from ..core.integrate.adaptive import PROGRESS, STALLED
 from ..core.step import pace
 from ..core.step.context import Plan
 from ..dynamics import center_of_mass, deepest_points
-from ..dynamics.algorithms import lengths_of
+from ..dynamics.tendons import lengths_of
 from ..model import Model
 from ..model.numpy_dynamics import link_poses
 from ..scene.compile import CompiledScene

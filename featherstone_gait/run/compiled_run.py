@@ -29,11 +29,11 @@ from ..core.step.context import Plan, Run, Scene
 from ..core.step.program import DONE, FIRST, OFFSET
 from ..core.step.signals import Knots, Signals
 from ..dynamics.tendons import tendon_length_channel
+from ..dynamics.tree import check_followers
 from ..geometry.distance import clearance_channel, contact_bench
 from ..model.numpy_dynamics import with_quaternions
 from ..scene.compile import CompiledScene
 from ..scene.forest import count, largest_tree
-from ..scene.tree import check_followers
 from .interrupt import Kernel, call_interruptibly, ensure_compiled
 from .lane_constants import has_varying, merge, structure, with_own_memory, write_lane
 from .overlap import tell_overlaps

@@ -23,7 +23,7 @@ from .trajectory import Trajectory
 
 DriveAction = Literal["speed", "reference", "voltage", "pwm", "torque"]
 ACTIONS = ("speed", "reference", "voltage", "pwm", "torque")
-FAR = 1e12  # where a joint without limits ends [rad or m]
+UNLIMITED = 1e12  # where a joint without limits ends [rad or m]
 PUSH = ("link", "x", "y", "z", "force x", "force y", "force z")  # columns: a number, link axes [m], world axes [N]
 
 
@@ -194,7 +194,7 @@ def _memory(session: Session) -> np.ndarray:
     """Return the first memory of `follow_speeds`: a tick [s], positions and limits."""
     scene = session.scene
     n = scene.commanded
-    place, low, high = np.zeros(n), np.full(n, -FAR), np.full(n, FAR)
+    place, low, high = np.zeros(n), np.full(n, -UNLIMITED), np.full(n, UNLIMITED)
     q = session.state[0, slice(*scene.part("q"))]
     place[: len(q)] = q
     for k, joint in enumerate(scene.model.moving_joints[: len(q)]):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import instance
 from ..base.fixed_order import applied, product, total
 from ..core.effects.pair import Pairs
-from ..core.tree.distance import FIELD, Room, pair_distances
+from ..core.shapes.distance import FIELD, Room, pair_distances
 from ..scene.compile import CompiledScene
 from ..scene.contact import half_thickness
 from ..scene.loads import body_poses

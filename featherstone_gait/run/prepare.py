@@ -175,7 +175,7 @@ def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, sl
             if stored in slices:
                 continue
             places = np.arange(*scene.part(stored))
-            of_points = state.BY_NAME[stored].of in ("point", "rolling")
+            of_points = state.OWNERS[state.BY_NAME[stored].of].share == "points"
             if of_points and len(places):  # the scene keeps the points of a body together
                 order = np.argsort(by_body(scene.model, scene.tree))
                 places = places.reshape(len(order), -1)[order].ravel()

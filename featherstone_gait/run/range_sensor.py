@@ -12,10 +12,10 @@ import numpy as np
 from ..base.arguments import instance
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_quaternion
+from ..core.shapes.distance import Room
+from ..core.shapes.paint import COINCIDENT, cover
+from ..core.shapes.ray import cast_rays
 from ..core.step.state import BY_NAME
-from ..core.tree.distance import Room
-from ..core.tree.paint import COINCIDENT, cover
-from ..core.tree.ray import cast_rays
 from ..dynamics import forward_kinematics
 from ..geometry.distance import shape_tables
 from ..model import FloorLine
@@ -24,7 +24,7 @@ from ..model.sensor import WORLD, LineSensor, RangeSensor, SampledSensor, Sensor
 from ..scene.channels import owned
 from ..scene.compile import CompiledScene
 from ..scene.forest import Member
-from ..scene.pairs import Solid, of_ground
+from ..scene.solids import Solid, of_ground
 from .trajectory import Trajectory
 
 
@@ -159,7 +159,7 @@ def _cast(
     mounted = sensor.mounted
     out, count = np.zeros((len(poses[0]), len(mounted))), len(shapes.table)
     room, rays = Room(np.zeros((count, 9)), np.zeros((count, 3)), np.zeros((4, 3))), np.zeros((2, 8, len(mounted)))
-    cast_rays(shapes, room, *poses, carrier, -1, mounted, sensor.reach, rays, out)
+    cast_rays(shapes, room, tuple(poses), carrier, mounted, sensor.reach, rays, out)
     return out
 
 

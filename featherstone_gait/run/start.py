@@ -23,8 +23,11 @@ from ..core.step.signals import Knots
 from ..core.tree.loop import BIAS, GAP, PLACE, SPEED
 from ..core.tree.rows import make_rows
 from ..dynamics import forward_kinematics, loop_gaps
-from ..dynamics.algorithms import lengths_of, loop_measures
 from ..dynamics.inverse_kinematics import close_loops, is_flipped
+from ..dynamics.loop_table import build_loops
+from ..dynamics.loops import loop_measures
+from ..dynamics.tendons import lengths_of
+from ..dynamics.tree import check_followers, followed
 from ..model import Model
 from ..model.composite import TOLERANCE
 from ..model.numpy_dynamics import at_joints, what_is_loose, with_quaternions
@@ -32,8 +35,7 @@ from ..model.rest_posture import start_positions
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from ..scene.forest import Member, largest_tree, named, state_index
-from ..scene.loop import build_loops, joined_loops
-from ..scene.tree import check_followers, followed
+from ..scene.loop import joined_loops
 from .status import OF_CODE
 from .trajectory import Trajectory
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..base.arguments import shown
 from ..base.brief import some
 from ..base.files import FilePath, Format, check_sound, complete_together, is_number, read_arrays, read_json
-from ..core.step.state import BY_NAME, shaped
+from ..core.step.state import BY_NAME, NONE, OWNERS, shaped
 from ..model import Model
 from ..scene.channels import Share, StateView, column_of, owned
 from . import contacts, tables
@@ -271,7 +271,7 @@ def _own(channels: Mapping[str, np.ndarray], share: Share) -> dict[str, np.ndarr
             found[name] = values
         elif channel.of in ("loop", "row") and "loops" not in share:
             continue
-        elif channel.of not in ("slot", "turning", "pairs") and not (channel.of == "base" and share["fixed"]):
+        elif OWNERS[channel.of].share != NONE and not (channel.of == "base" and share["fixed"]):
             found[name] = shaped(channel, flat[:, owned(channel, share, flat.shape[1])])
     return found
 

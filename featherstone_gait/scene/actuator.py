@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import shown
+from ..base.records import fill, filled, records
 from ..core.effects.actuator import controller_of, motor_of
 from ..core.effects.controller import CONTROLLER, PID_POSITION, PID_SPEED, STATE_FEEDBACK
 from ..core.effects.decay import DECAYS, fill_decay
@@ -19,11 +20,10 @@ from ..core.effects.motor import MOTOR
 from ..core.effects.pd_servo import PD, PDServo
 from ..core.effects.rigid_servo import RigidServo
 from ..core.integrate.integrator import Integrator
+from ..dynamics.tree import joint_armature
 from ..model import TORQUE_LAWS, Controller, Model, Servo
 from ..model.servo import ONE_KIND
 from .gearbox_kinds import GEARBOX_KINDS, GearboxKind
-from .records import fill, filled, records
-from .tree import joint_armature
 
 Actuator: TypeAlias = PDServo | MipsdServo | RigidServo
 LAWS = {"state": STATE_FEEDBACK, "pid_position": PID_POSITION, "pid_speed": PID_SPEED}

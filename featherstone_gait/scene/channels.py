@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
 from ..base.brief import some
-from ..core.step.state import BY_NAME, RECORDABLE, UNITS, Channel, several
+from ..core.step import state
+from ..core.step.context import Scene
+from ..core.step.state import ALL, BY_NAME, NONE, OWNERS, RECORDABLE, UNITS, Channel, several
+from ..dynamics.tree import Tree
 
 OF_SLIDERS = ("m", "m/s", "m/s²", "N")  # units of what turning joints have in rad, rad/s, rad/s² and N m
+Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in forest.py
 
 
 def channel_table() -> str:
@@ -56,37 +60,21 @@ def joint_labels(info: Mapping[str, Any], name: str) -> list[str]:
     return list(info.get("positions" if name == "q" and "positions" in info else "joints") or ())
 
 
-Share: TypeAlias = dict[str, Any]  # of a member in a scene: see `shares` in forest.py
-
-
 def owned(channel: Channel, share: Share, size: int) -> np.ndarray:
     """Return the indices of the numbers of a channel, `size` in the scene, that are a member's."""
-    if channel.of in ("slot", "turning", "pairs"):  # of two members, or of none
+    part = OWNERS[channel.of].share
+    if part == NONE:
         return np.arange(0)
-    if channel.of in ("run", "source") or not size:
+    if part == ALL or not size:
         return np.arange(size)
-    first, end = share["joints"]
+    if channel.name == "q" and size == share.get("of_positions"):  # with quaternions, as recorded
+        part = "positions"
+    first, end = share.get(part, (0, 0)) if part != "base" else (share["base"], share["base"] + 1)
+    if channel.of == "base" and share["fixed"]:
+        return np.arange(0)
     if channel.of == "delay":  # all servos of a slot stand together
         slots = np.arange(size // share["of_joints"])
         return (slots[:, None] * share["of_joints"] + np.arange(first, end)).ravel()
-    if channel.of in ("point", "rolling"):
-        first, end = share["points"]
-    elif channel.of == "tendon":
-        first, end = share["tendons"]
-    elif channel.of in ("loop", "row"):
-        first, end = share.get(f"{channel.of}s", (0, 0))
-    elif channel.of == "ball":
-        first, end = share["balls"]
-    elif (
-        channel.name == "q" and "positions" in share and size == share["of_positions"]
-    ):  # with quaternions, as recorded
-        first, end = share["positions"]
-    elif channel.of == "immersed":
-        first, end = share["immersed"]
-    elif channel.of == "surface":
-        first, end = share["surfaces"]
-    elif channel.of in ("base", "tree", "fluid"):
-        first, end = share["base"], share["base"] + (channel.of != "base" or not share["fixed"])
     return np.arange(channel.width * first, channel.width * end)
 
 
@@ -136,3 +124,36 @@ class StateView(Mapping[str, np.ndarray]):
 
     def __repr__(self) -> str:
         return f"<state: {some(f'{name} {values.shape}' for name, values in self.items())}>"
+
+
+def places_of(tree: Tree, constants: Scene) -> np.recarray:
+    """Lay the parts of the state out."""
+    has = () if constants.actuator is None else cast(Any, constants.actuator).PARTS
+    contact, firmware, fed, pairs = constants.contact, constants.firmware, constants.supply is not None, constants.pairs
+    return state.lay_out(
+        {
+            "base": tree.bases,
+            "ball": 0 if tree.balls is None else len(tree.balls),
+            "joint": tree.n,
+            "servo": tree.n * ("servo" in has),
+            "rotor": tree.n * ("rotor" in has),
+            "point": 0 if contact is None else len(contact.points),
+            "tree": 1 if tree.trees is None else len(tree.trees),
+            "run": 1,
+            "profile": tree.n * (firmware.profile is not None),
+            "delay": 0 if firmware.delay is None else tree.n * firmware.delay.slots,
+            "fed": tree.n * fed,
+            "source": int(fed),
+            "slot": 0 if pairs is None else int(pairs.slots[0]),
+            "turning": 0 if pairs is None or pairs.turning is None else int(pairs.slots[0]),
+            "pairs": int(pairs is not None),
+            "tendon": 0 if constants.tendons is None else len(constants.tendons.table),
+            "fluid": (constants.fluid is not None or constants.propellers is not None)
+            * (1 if tree.trees is None else len(tree.trees)),
+            "immersed": 0 if constants.fluid is None else len(constants.fluid.table),
+            "loop": 0 if constants.loops is None else len(constants.loops.table),
+            "row": 0 if constants.loops is None else int(constants.loops.rows[0]),
+            "surface": 0 if constants.surfaces is None else len(constants.surfaces),
+            "rolling": 0 if contact is None or contact.rolling is None else len(contact.points),
+        }
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, cast
@@ -13,24 +13,22 @@ import numpy as np
 
 from ..base.arguments import instance, listed, shown
 from ..base.brief import clipped, some
-from ..base.flaws import quoted
-from ..base.portable_math import sincos
-from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
-from ..core.tree.loop import Loops
-from ..model import Controller, Fluid, Ground, Loop, Model, Spring, Tendon
+from ..dynamics.loop_table import build_loops
+from ..dynamics.tree import GRAVITY, Tree, build_lifts, compile_tree
+from ..model import Fluid, Ground, Loop, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, PairWord, pair_contact
 from ..model.pair_friction import PairFriction
 from ..model.placed import Placed, SceneModel, check_scene_loops, link_name
-from ..model.sensor import RESERVED, WORLD, SampledSensor, Sensor
-from ..model.tendon import ball_limit, spring_tendon
-from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
-from .channels import Share, StateView
-from .contact import bearing, build_contact, standing_posture
-from .external import Push, build_lifts, build_pushes
+from ..model.sensor import SampledSensor, Sensor
+from .actuator import GearboxKind, build_decay, build_drive, controller_period, fold_springs
+from .channels import Share, StateView, places_of
+from .checks import check_closes, check_drives, check_immersed, check_ticks, follows_references, method_of
+from .contact import bearing, build_contact, fall_limits
+from .external import Push, build_pushes
 from .firmware import build_firmware, build_supply
 from .fluid import build_fluid, build_propellers
 from .forest import (
@@ -40,30 +38,25 @@ from .forest import (
     joined_preflight,
     joined_tree,
     members_of,
+    sensor_of_scene,
     shares,
     state_index,
 )
-from .friction import Friction, build_drag, build_friction, sticks
+from .friction import build_drag, build_friction, sticks
 from .gearbox_kinds import IntegratorName
 from .joint_spring import build_ball_springs, build_joint_springs, build_stiffening, fold_joint_springs
-from .loop import Loops as LoopTables
-from .loop import build_loops, joined_loops
-from .options import SceneOptions, check_options
+from .loop import joined_loops, loops_of_kernels
+from .options import SceneOptions, check_options, implicit_where_stiff
 from .pairs import NOTHING, Touching, build_pairs, limited, no_pairs
-from .preflight import STIFF, Preflight, implicit_reason, preflight
+from .preflight import STIFF, Preflight, closing, implicit_reason, preflight
 from .stop import build_stops
 from .surface import build_commands, drives_of, joined_commands, scene_drives
-from .tendon import build_tendons, fold_tendons, with_rows, with_stops
-from .tree import GRAVITY, Tree, compile_tree
+from .tendon import build_tendons, fold_tendons, lines_of, with_rows, with_stops
+from .tolerances import largest_jump, usual_atol, usual_rtol
 from .unused import unused
 
 GIVE_LOOPS = "give a list of Loop between links 'name/link'"
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
-# Tolerances where none is given, but the integrator's own where that is less:
-FREE = 1e-4  # of all but servos of a floating robot over ground, whose feet hold what an arm passes on
-SLOW, FINE = 0.03, 1e-7  # [m/s]; see `CompiledScene.atol`
-JUMPING = 1e-6  # where a controller's law jumps by more than an error of `JUMP` [rad] asks for,
-JUMP = 2e-3  # of which a joint takes a third before the next tick
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +204,7 @@ class CompiledScene:
         for member in self.members:
             for one in member.model.sensors:
                 name = link_name(member.name, one.name)
-                found[name] = _of_member(one, member.name, name)
+                found[name] = sensor_of_scene(one, member.name, name)
         return found
 
     @property
@@ -222,39 +215,19 @@ class CompiledScene:
 
     @property
     def rtol(self) -> float:
-        """Default tolerance of error control.
-
-        Measured by steps of a reference that end more than 1e-3 rad off with the status "ok":
-
-        - Seven servos (`arm7`, mipsd): 10 of 40 steps at a tolerance of 1e-2, 2 at 1e-3, one at 3e-4, none at 1e-4,
-          which takes 1.6 times as long as 1e-2.  With a supply that sags: 9 of 25 at 1e-2.
-        - Ten servos on feet, with falls and flights: none of 40 motions at 1e-2.
-        - A servo with an encoder step of 5 mrad, whose control law jumps, so that the smallest error may decide on
-          which side: 32 of 60 steps at 1e-2, 21 at 1e-3; of 80 others one at 1e-5, none at 1e-6.
-        """
-        if self.largest_jump > JUMP:
-            return min(self.method.rtol, JUMPING)
+        """Default tolerance of error control: see `usual_rtol`."""
         holds = self.gearbox and self.ground and self.tree.floating and self.constants.supply is None
-        return self.method.rtol if holds else min(self.method.rtol, FREE)
+        return usual_rtol(self.method, self.largest_jump, bool(holds))
 
     def atol(self, rtol: float) -> float:
-        """Return the absolute tolerance that goes with a relative one [rad, m, and their rates; A].
-
-        Where bodies touch each other, slow ones count as much as fast ones, since the speed of a rebound is a share of
-        that before: SLOW times rtol, down to FINE.  Of head-on collisions of two balls of 1 kg and 1 to 1000 kg at 0.05
-        to 10 m/s the restitution is off by up to 7e-3 with atol = rtol = 1e-4, and by up to 7e-4 so.  A stack at rest
-        takes 1.4 times as many steps, a ball that rolls twice as many.
-        """
-        slow = self.touching.table is not None and rtol <= FREE
-        return max(SLOW * rtol, min(rtol, FINE)) if slow else rtol
+        """Return the absolute tolerance that goes with a relative one [rad, m, and their rates; A]."""
+        return usual_atol(rtol, self.touching.table is not None)
 
     @cached_property
     def largest_jump(self) -> float:
         """Largest jump of a control law, as the error that would cause the same output [rad]."""
-        if not self.sampled:
-            return 0.0
         servos = [self.model.servos[name] for name in self.model.joint_names if name in self.model.servos]
-        return max(max(servo.encoder_resolution, _punch(servo.controller)) for servo in servos)
+        return largest_jump(servos) if self.sampled else 0.0
 
     @property
     def counts(self) -> bool:
@@ -310,7 +283,7 @@ class CompiledScene:
     @property
     def follows(self) -> bool:
         """Return whether something follows references: servos, or drives of tendons that are no mere motors."""
-        return self.constants.actuator is not None or _follow(self.model)
+        return self.constants.actuator is not None or follows_references(self.model)
 
     @cached_property
     def layout(self) -> dict[str, int]:
@@ -450,22 +423,13 @@ def compile_scene(
     stated = model.loops if isinstance(model, SceneModel) else ()
     between = tuple(stated if loops is None else listed("loops", loops, GIVE_LOOPS))
     options = SceneOptions(
-        gearbox,
-        ground,
-        integrator,
-        timestep,
-        gravity,
-        fall_height,
-        fall_tilt,
-        springs,
-        pair_contact(given),
-        between,
+        gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs, pair_contact(given), between,
         fluid,
-    )
+    )  # fmt: skip
     if isinstance(model, Model):
         if options.pairs is not None or options.loops:
             return _compile_members([model], options)
-        _check_immersed(model.name, [model], fluid)
+        check_immersed(model.name, [model], fluid)
         return _compile(model, options)
     if isinstance(model, SceneModel):
         own = GRAVITY if model.gravity is None else model.gravity
@@ -476,27 +440,17 @@ def compile_scene(
     return _compile_members(model, options)
 
 
-def _of_member(sensor: Any, member: str, name: str) -> Any:
-    """Return the sensor of a member as one of the scene."""
-    if isinstance(sensor, SampledSensor):
-        if isinstance(sensor.sensor, str):
-            exact = sensor.sensor if sensor.sensor in RESERVED else link_name(member, sensor.sensor)
-            return replace(sensor, sensor=exact, name=name)
-        return replace(sensor, sensor=_of_member(sensor.sensor, member, name), name=name)
-    return replace(sensor, link=sensor.link if sensor.link == WORLD else link_name(member, sensor.link), name=name)
-
-
 def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     """Compile one model."""
     options, ground = check_options(model, given), given.ground
     drive, g = build_drive(model, options.gearbox), np.asarray(options.gravity)
-    _check_drives(model.name, [model], drive.sampled)
-    lines = _lines(model, options.springs)
+    check_drives(model.name, [model], drive.sampled)
+    lines = lines_of(model, options.springs)
     tree = with_rows(compile_tree(model), lines)
     contact, tendons = build_contact(model, tree, options), build_tendons(model, tree, lines)
     friction, joint_springs = build_friction(model, drive), build_joint_springs(model)
-    check = _closing(preflight(model, drive, friction, lines, options), model)
-    method, h = _method(check.integrator, model, drive, friction), check.timestep
+    check = closing(preflight(model, drive, friction, lines, options), model)
+    method, h = method_of(check.integrator, model, drive, friction), check.timestep
     period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
     ticks = round(period / h)
     fold_springs(drive, method, h, check.inertias)
@@ -521,7 +475,7 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         joint_springs=joint_springs,
         lifts=build_lifts(model, tree, g),
         balls=tree.balls,
-        loops=_loops(build_loops(model) if model.loops else None, tree),
+        loops=loops_of_kernels(build_loops(model) if model.loops else None, tree),
         stiffening=build_stiffening(model),
         drag=build_drag(model),
         ball_springs=build_ball_springs(model),
@@ -530,12 +484,12 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
         propellers=build_propellers(model, tree),
         surfaces=build_commands(model),
     )
-    lowest, upright_cosine, upright = _fall_limits(model, options)
+    lowest, upright_cosine, upright = fall_limits(model, options)
     return CompiledScene(
         model=model,
         tree=tree,
         constants=constants,
-        places=_places(tree, constants),
+        places=places_of(tree, constants),
         method=method,
         options=options._replace(integrator=method.name, timestep=h),
         tick_steps=ticks,
@@ -549,23 +503,6 @@ def _compile(model: Model, given: SceneOptions) -> CompiledScene:
     )
 
 
-def _closing(check: Preflight, model: Model) -> Preflight:
-    """Say in the reason that loops are closed, if there are any."""
-    if not model.loops:
-        return check
-    names = quoted([loop.name for loop in model.loops])
-    return check._replace(reason=f"{check.reason}; loops {names} are closed after each step")
-
-
-def _lines(model: Model, springs: Iterable[Spring]) -> tuple[Tendon, ...]:
-    """Return what acts along a length: tendons, springs between links, and limits of ball joints."""
-    return (
-        *(one for one in model.tendons if one.acts),
-        *(spring_tendon(spring) for spring in springs),
-        *(ball_limit(joint) for joint in model.ball_joints if joint.upper < math.inf),
-    )
-
-
 def _compile_members(
     models: Any,
     options: SceneOptions,
@@ -574,9 +511,9 @@ def _compile_members(
     frictions: tuple[PairFriction, ...] = (),
 ) -> CompiledScene:
     """Compile several models: each alone, then all tables one after the other."""
-    given, options = options, _implicit(options)
+    given, options = options, implicit_where_stiff(options)
     members = _members(models, options)
-    _check_immersed("scene", [member.model for member in members], options.fluid)
+    check_immersed("scene", [member.model for member in members], options.fluid)
     checks = [member.scene.preflight for member in members]
     first = next((one for one in checks if INTEGRATORS[one.integrator].name == "ars343"), checks[0])
     step = min(one.timestep for one in checks)
@@ -584,12 +521,12 @@ def _compile_members(
         chosen = options._replace(integrator=first.integrator, timestep=step)
         members = [Member(one.placed, _compile(one.model, _own(one.placed, chosen))) for one in members]
     decisive = next((one.scene for one in members if one.scene.sampled), members[0].scene)
-    _check_ticks(members)
-    _check_drives("scene", [one.model for one in members], decisive.sampled)
+    check_ticks(members)
+    check_drives("scene", [one.model for one in members], decisive.sampled)
     options = options._replace(gravity=members[0].scene.options.gravity)
     touching, tree = build_pairs(members, obstacles, excluded, joined_tree(members), options, frictions)
     model = joined_model(members, some((member.name for member in members), 4, " and "), options.loops)
-    loops = _loops(joined_loops(members, tree, options.loops), tree)
+    loops = loops_of_kernels(joined_loops(members, tree, options.loops), tree)
     pairs = no_pairs(tree) if touching.table is None and options.loops else touching.table  # joined trees are an island
     commands = joined_commands([*(one.placed for one in members), *obstacles])
     constants = joined_constants(members, tree)
@@ -606,7 +543,7 @@ def _compile_members(
         model=model,
         tree=tree,
         constants=constants,
-        places=_places(tree, constants),
+        places=places_of(tree, constants),
         method=decisive.method,
         options=options._replace(
             gearbox=gearboxes[0] if gearboxes else None, integrator=decisive.method.name, timestep=step
@@ -625,43 +562,6 @@ def _compile_members(
         frictions=frictions,
         touching=touching,
     )  # fmt: skip
-
-
-def _follow(model: Model) -> bool:
-    """Return whether drives of tendons follow references."""
-    return any(one.controller is not None and one.controller.Kp > 0 for one in model.tendons)
-
-
-def _check_drives(name: str, models: Iterable[Model], sampled: bool) -> None:
-    """Raise ValueError where drives of tendons follow references that sampled servos see at ticks only."""
-    if sampled and any(_follow(model) for model in models):
-        raise ValueError(
-            f"{name}: controllers of tendons follow their references at every instant, and the servos of joints are "
-            "sampled; give the joints torque laws ('pd', 'pd_clamped'), or the tendons Kp=0 and their forces as tau"
-        )
-
-
-def _check_immersed(name: str, models: Iterable[Model], fluid: Any) -> None:
-    """Raise ValueError for a fluid in which nothing is immersed."""
-    if fluid is not None and not any(model.immersed for model in models):
-        raise ValueError(
-            f"{name}: the fluid acts on nothing, since no robot has immersed shapes; give Model.immersed, or "
-            "[[immersed]] in the file beside the robot, or leave the fluid out"
-        )
-
-
-def _implicit(options: SceneOptions) -> SceneOptions:
-    """Return the options of a scene whose bodies touch each other, which is stiff, with the integrator that is."""
-    chosen = options.pairs is not None and options.integrator is None
-    return options._replace(integrator="ars343") if chosen else options
-
-
-def _loops(found: LoopTables | None, tree: Tree) -> Loops | None:
-    """Return the loops for kernels, None without."""
-    if found is None:
-        return None
-    joined = True if tree.trees is not None and len(found.table) > tree.trees.end_loop[-1] else None
-    return Loops(found.table, np.array([found.rows]), joined)
 
 
 def _members(models: Any, options: SceneOptions) -> list[Member]:
@@ -683,7 +583,7 @@ def _members(models: Any, options: SceneOptions) -> list[Member]:
     check_scene_loops(placed, options.loops)
     members = [Member(one, _compile(one.model, _own(one, options))) for one in placed]
     if options.loops:
-        _check_closes(members[0].scene.method, "scene", options.loops, "leave them out")
+        check_closes(members[0].scene.method, "scene", options.loops, "leave them out")
     return members
 
 
@@ -695,86 +595,3 @@ def _own(placed: Placed, options: SceneOptions) -> SceneOptions:
         gearbox = None
     ground = options.ground if placed.ground_contact and model.contacts else None
     return options._replace(gearbox=gearbox, ground=ground, pairs=None, loops=())
-
-
-def _check_ticks(members: Sequence[Member]) -> None:
-    """Raise ValueError unless all sampled controllers have one period and lag."""
-    found = {(m.scene.tick_steps * m.scene.timestep, m.scene.lag): m.name for m in members if m.scene.sampled}
-    if len(found) > 1:
-        each = ", ".join(f"{name!r} {period:g} s and {lag:g} s" for (period, lag), name in found.items())
-        raise ValueError(f"scene: controllers differ in period and lag: {each}; give them the same")
-
-
-def _method(name: str, model: Model, drive: Drive, friction: Friction | None) -> Integrator:
-    """Look up an integrator; raise ValueError if it does not suit the loops, the servos or their friction."""
-    method = INTEGRATORS[name]
-    open_tree = "simulate the open tree with dataclasses.replace(model, loops=())"
-    _check_closes(method, model.name, model.loops, open_tree)
-    if method.drives and not isinstance(drive.actuator, method.drives):
-        raise ValueError(f"{name} is the update order of sampled servos; use implicit_euler for other scenes")
-    if method.drives and isinstance(friction, GearFriction):
-        raise ValueError(f"{name} knows no friction that depends on load or speed; use another integrator")
-    slow = drive.slow_current if method.soft else None
-    if slow is not None:
-        raise ValueError(
-            f"{name} takes a current without inductance as being there at once, so a current_slew of {slow:g} A/s "
-            "would have no effect; give the servo an inductance, or use ars343"
-        )
-    return method
-
-
-def _check_closes(method: Integrator, what: str, loops: Sequence[Loop], remedy: str) -> None:
-    """Raise ValueError for an integrator that does not keep loops closed."""
-    if loops and not method.closes:
-        others = quoted([one.name for one in INTEGRATORS.values() if one.closes])
-        raise ValueError(
-            f"{what}: integrator {method.name!r} does not keep loops {quoted([loop.name for loop in loops])} closed; "
-            f"use one of {others}, or {remedy}"
-        )
-
-
-def _fall_limits(model: Model, options: SceneOptions) -> tuple[float, float, tuple[float, float, float]]:
-    """Compute at which height [m] and cosine of its tilt a robot has fallen, and which axis of its root points up."""
-    cosine = sincos(options.fall_tilt)[1] if options.fall_tilt < math.pi else -2.0
-    if model.base == "fixed" or options.ground is None:
-        return -math.inf, cosine, (0.0, 0.0, 1.0)
-    height, upright = standing_posture(model)
-    return options.fall_height * height if options.fall_height >= 0.0 else -math.inf, cosine, upright
-
-
-def _punch(law: Controller) -> float:
-    """Return the error that would cause the same voltage as the punch [rad]."""
-    return law.punch / law.Kp if law.Kp else math.inf if law.punch else 0.0
-
-
-def _places(tree: Tree, constants: Scene) -> np.recarray:
-    """Lay the parts of the state out."""
-    has = () if constants.actuator is None else cast(Any, constants.actuator).PARTS
-    contact, firmware, fed, pairs = constants.contact, constants.firmware, constants.supply is not None, constants.pairs
-    return state.lay_out(
-        {
-            "base": tree.bases,
-            "ball": 0 if tree.balls is None else len(tree.balls),
-            "joint": tree.n,
-            "servo": tree.n * ("servo" in has),
-            "rotor": tree.n * ("rotor" in has),
-            "point": 0 if contact is None else len(contact.points),
-            "tree": 1 if tree.trees is None else len(tree.trees),
-            "run": 1,
-            "profile": tree.n * (firmware.profile is not None),
-            "delay": 0 if firmware.delay is None else tree.n * firmware.delay.slots,
-            "fed": tree.n * fed,
-            "source": int(fed),
-            "slot": 0 if pairs is None else int(pairs.slots[0]),
-            "turning": 0 if pairs is None or pairs.turning is None else int(pairs.slots[0]),
-            "pairs": int(pairs is not None),
-            "tendon": 0 if constants.tendons is None else len(constants.tendons.table),
-            "fluid": (constants.fluid is not None or constants.propellers is not None)
-            * (1 if tree.trees is None else len(tree.trees)),
-            "immersed": 0 if constants.fluid is None else len(constants.fluid.table),
-            "loop": 0 if constants.loops is None else len(constants.loops.table),
-            "row": 0 if constants.loops is None else int(constants.loops.rows[0]),
-            "surface": 0 if constants.surfaces is None else len(constants.surfaces),
-            "rolling": 0 if contact is None or contact.rolling is None else len(contact.points),
-        }
-    )

@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike
 
 from ..base.fixed_order import applied
 from ..base.portable_math import sincos
+from ..base.records import fill, records
 from ..base.rotation import dot, rotation_from_quaternion
 from ..core.effects.contact import MOTION, POINT, ROLLER, ROLLING, Contact
-from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, Discs, Spheres
-from ..core.tree.distance import HALF_SPACE, Shapes
+from ..core.shapes.distance import HALF_SPACE, Shapes
+from ..core.shapes.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..dynamics import deepest_points
+from ..dynamics.tree import Tree
 from ..geometry.contact_choice import usual_choice
 from ..geometry.distance import shape_tables
 from ..model import Ground, HeightField, Model
 from ..model.ground import ContactPoint
 from ..model.numpy_dynamics import link_poses, mass_center, zero_position
 from ..model.rest_posture import standing_keyframe
-from .records import fill, records
 from .surface import build_surfaces, drives_of
-from .tree import Tree
 
 if TYPE_CHECKING:
     from .options import SceneOptions
@@ -314,3 +314,12 @@ def _heights_along(model: Model, q: np.ndarray, axes: Sequence[ArrayLike]) -> li
         contacts = [dot(up, x) for x in deepest_points(model, poses, up)]
         heights.append((dot(up, center) - min(contacts), dot(up, center) - max(contacts)))
     return heights
+
+
+def fall_limits(model: Model, options: SceneOptions) -> tuple[float, float, tuple[float, float, float]]:
+    """Compute at which height [m] and cosine of its tilt a robot has fallen, and which axis of its root points up."""
+    cosine = sincos(options.fall_tilt)[1] if options.fall_tilt < math.pi else -2.0
+    if model.base == "fixed" or options.ground is None:
+        return -math.inf, cosine, (0.0, 0.0, 1.0)
+    height, upright = standing_posture(model)
+    return options.fall_height * height if options.fall_height >= 0.0 else -math.inf, cosine, upright

@@ -1,4 +1,4 @@
-"""Build pushes and forces that bear weight: external forces on the bodies."""
+"""Build pushes: external forces on the bodies for a time."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ import numpy as np
 from ..base.arguments import instance, is_real, listed, shown, vector
 from ..base.brief import brief
 from ..base.fixed_order import applied
+from ..base.records import fill, records
 from ..core.effects.push import PUSH
-from ..model import Model
-from .records import fill, records
-from .tree import Tree
+from ..dynamics.tree import Tree
 
 
 class Push(NamedTuple):
@@ -63,18 +62,4 @@ def build_pushes(tree: Tree, pushes: Sequence[Push]) -> np.recarray | None:
         place = tree.placements[push.link]
         fill(row, push)
         row.body, row.point = place.row, place.r + applied(place.E, np.array(push.point))
-    return table
-
-
-def build_lifts(model: Model, tree: Tree, gravity: np.ndarray) -> np.recarray | None:
-    """Build a PUSH record for each link whose weight is borne, at its center of mass; None if there is none."""
-    borne = [link for link in model.links if link.gravity_compensation * link.mass]
-    if not borne:
-        return None
-    table = records(len(borne), PUSH)
-    for row, link in zip(table, borne):
-        place = tree.placements[link.name]
-        row.body, row.point = place.row, place.r + applied(place.E, np.array(link.center_of_mass))
-        row.force = -(link.gravity_compensation * link.mass) * gravity
-        row.start, row.end = -math.inf, math.inf
     return table

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..base.records import filled
 from ..core.effects.actuator import motor_of
 from ..core.effects.firmware import BAND, PWM, Delay, Firmware
 from ..core.effects.supply import SUPPLY
 from ..model import Controller, Model
 from .actuator import Drive, wraps
-from .records import filled
 
 MOST_WAITING = 1000  # voltages of a servo
 COUNT = 1e-9  # of a count or a step, that rounding may leave

@@ -13,10 +13,12 @@ import numpy as np
 
 from ..base.fixed_order import applied, product, total
 from ..base.portable_math import power
+from ..base.records import records
 from ..base.rotation import rotation_from_rpy
 from ..core.effects.fluid import ADDED, ELLIPSOID, IMMERSED, MEDIUM, Fluid
 from ..core.effects.propeller import PROPELLER, Propellers
-from ..core.tree.immersion import CAPSULE, CYLINDER, POLYHEDRON, SPHERE
+from ..core.shapes.immersion import CAPSULE, CYLINDER, POLYHEDRON, SPHERE
+from ..dynamics.tree import Tree
 from ..geometry.hull import hull_triangles
 from ..geometry.mesh import mesh_hull
 from ..geometry.polytope import BOX_LOOPS, box
@@ -24,8 +26,6 @@ from ..geometry.solid import solid_of
 from ..model import Fluid as Medium
 from ..model import Immersed, Model, rigid_bodies
 from ..model.shapes import Box, Capsule, Cylinder, Hull, Mesh, Sphere
-from .records import records
-from .tree import Tree
 
 UP = (0.0, 0.0, 1.0)
 # Kronrod's rule of 15 points on 0 ... 1, those up to 1/2, to the eight digits that MuJoCo has.

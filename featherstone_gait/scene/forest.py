@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
+from ..base.records import records
 from ..base.rotation import rotation_from_quaternion, rpy_from_rotation
 from ..core.effects.contact import ROLLER, ROLLING, Contact
 from ..core.effects.drag import DRAG
@@ -27,17 +28,18 @@ from ..core.effects.touch import DISC, Discs, Spheres
 from ..core.step.context import Scene
 from ..core.step.state import IN_STATE
 from ..core.tree.forest import TREE
+from ..dynamics.tree import Tree
 from ..model import Joint, Link, Loop, Model, Placement, Tendon
 from ..model.placed import Placed, link_name
+from ..model.sensor import RESERVED, SampledSensor
+from ..model.sensor import WORLD as WORLD_LINK
 from ..model.servo import ONE_KIND
 from .actuator import Actuator, passive
 from .channels import Share, owned
 from .fluid import joined_fluid, joined_propellers
 from .friction import Friction
 from .preflight import SPRING, Preflight
-from .records import records
 from .tendon import number_drives
-from .tree import Tree
 
 if TYPE_CHECKING:
     from .compile import CompiledScene
@@ -551,3 +553,13 @@ def state_index(scene: CompiledScene, member: Member) -> np.ndarray:
         if end > start:
             index[start:end] = first + owned(channel, share, past - first)
     return index
+
+
+def sensor_of_scene(sensor: Any, member: str, name: str) -> Any:
+    """Return the sensor of a member as one of the scene."""
+    if isinstance(sensor, SampledSensor):
+        if isinstance(sensor.sensor, str):
+            exact = sensor.sensor if sensor.sensor in RESERVED else link_name(member, sensor.sensor)
+            return replace(sensor, sensor=exact, name=name)
+        return replace(sensor, sensor=sensor_of_scene(sensor.sensor, member, name), name=name)
+    return replace(sensor, link=sensor.link if sensor.link == WORLD_LINK else link_name(member, sensor.link), name=name)

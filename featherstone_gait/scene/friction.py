@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..base.records import fill, filled, records
 from ..core.effects.drag import DRAG
 from ..core.effects.friction import FRICTION, SOFT, STUCK
 from ..core.effects.friction import explicit_limits as limits_of_friction
@@ -14,7 +15,6 @@ from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
 from ..core.effects.tendon import Tendons
 from ..model import Joint, Model, Servo, depends_on_load_or_speed
 from .actuator import Drive, stall_torque
-from .records import fill, filled, records
 
 Friction: TypeAlias = np.recarray | GearFriction
 FAST = 10.0  # [rad/s or m/s]

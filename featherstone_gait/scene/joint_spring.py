@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..base.records import filled
 from ..core.effects.joint_spring import JOINT_SPRING, STIFFENING
 from ..core.integrate.integrator import Integrator
 from ..model import Model
-from .records import filled
 
 
 def build_joint_springs(model: Model) -> np.recarray | None:

@@ -16,13 +16,13 @@ import numpy as np
 
 from ..base.fixed_order import applied, product, total
 from ..base.rotation import rotation_from_quaternion
-from ..core.tree.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
+from ..core.shapes.distance import FIELD, HALF_SPACE, POINT, SEGMENT, Shapes
+from ..dynamics.tree import Tree
 from ..model.numpy_dynamics import link_poses
 from ..model.rest_posture import START, nearest_posture, standing_keyframe
 from .contact import TWO_DEPTHS, plane_axes, standing_height
 from .forest import Member, named
 from .options import SceneOptions
-from .tree import Tree
 
 CARRYING = 4  # of the points of two shapes, at most
 ACROSS = 0.5  # cosine of the angle to the vertical, beyond which what divides two bodies stands between them

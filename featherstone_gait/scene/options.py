@@ -10,11 +10,11 @@ import numpy as np
 
 from ..base.arguments import instance, listed, real, vector
 from ..base.rotation import dot
+from ..dynamics.tree import GRAVITY
 from ..model import Fluid, Ground, Loop, Model, Spring
 from ..model.pair_contact import PairContact
 from ..model.tree_checks import check_springs
 from .gearbox_kinds import GearboxKind
-from .tree import GRAVITY
 
 LOWEST = 1e9  # standing heights: a limit at which nothing falls
 
@@ -64,3 +64,9 @@ def check_options(model: Model, options: SceneOptions) -> SceneOptions:
     springs = tuple(listed("springs", options.springs, "give a list of Spring"))
     check_springs(model.links, springs)
     return options._replace(gravity=gravity, fall_height=height, fall_tilt=tilt, springs=springs)
+
+
+def implicit_where_stiff(options: SceneOptions) -> SceneOptions:
+    """Return the options of a scene whose bodies touch each other, which is stiff, with the integrator that is."""
+    chosen = options.pairs is not None and options.integrator is None
+    return options._replace(integrator="ars343") if chosen else options

@@ -20,44 +20,40 @@ that a point of its link would have, for the weight of its own tree.
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..base.fixed_order import applied, product
-from ..base.rotation import rotation_from_quaternion
+from ..base.records import records
 from ..core.effects.pair import PAIR, TURNING, Pairs
-from ..core.tree.distance import Shapes
+from ..core.shapes.distance import Shapes
 from ..core.tree.layout import PRISMATIC
+from ..dynamics.tree import Tree
 from ..geometry.contact_choice import thinned
-from ..geometry.distance import HalfSpace, meeting_shapes, rows_by_name, shape_tables
+from ..geometry.distance import shape_tables
 from ..geometry.mesh import hull_excess
-from ..model import Ground, HeightField, Joint
-from ..model.pair_contact import ALL, GROUND, PairContact
-from ..model.pair_friction import Frictions, PairFriction, shape_names
-from ..model.placed import SEPARATOR, Placed, link_name
-from ..model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
-from .contact import TWO_DEPTHS, half_thickness, plane_axes
-from .forest import Member, named, shifts
+from ..model import HeightField, Joint
+from ..model.pair_contact import GROUND
+from ..model.pair_friction import Frictions, PairFriction
+from ..model.placed import Placed
+from ..model.shapes import Capsule, Cylinder, Mesh, Shape, Sphere
+from .contact import TWO_DEPTHS, half_thickness
+from .forest import Member, shifts
 from .loads import LIGHTEST, Loads, carrying, loads_at_start, moving_masses, trees_of
 from .options import SceneOptions
+from .pair_choice import chosen_pairs, excluded_pairs
 from .preflight import SPRING, Limit, Preflight
-from .records import records
+from .solids import WORLD, Solid, parts_of
 from .surface import build_surfaces, drives_of
-from .tree import Tree
 
-WORLD = -1  # the tree of what never moves
-FAR = 1e6  # way of a sliding joint without limits [m]
+LONGEST_SLIDE = 1e6  # way of a sliding joint without limits [m]
 BEYOND = 1.1  # how far a sliding joint goes, of its limits: stops give way
-MOST = 96  # points between bodies that can move, of which so many can act at once
+POINTS_AT_ONCE = 96  # points between bodies that can move, of which so many can act at once
 LEAST_POINTS = 32  # of the pool
-WIDE, UNDER = 100.0, 1.0  # of the treads of steps, how far they reach from the origin, and below the lowest one [m]
 THIN = 0.1  # of its thickness, that a thin body is pressed in where others lie on it at the start
 NOTABLE_EXCESS = 1.05  # ratio of the volumes of a mesh's hull and of the mesh above which a note gives it
-MANY_PAIRS, MOST_PAIRS = 300_000, 5_000_000  # of shapes, above which a warning says so, and which are refused
-PAIR_BYTES, PAIR_TIME = 700, 6e-6  # at most, of compiling each [B, s]
 NEIGHBORS = 3  # of a free object, each of which it shares with another: a grid's
 
 
@@ -85,43 +81,6 @@ class Touching(NamedTuple):
 NOTHING = Touching()
 
 
-class Solid(NamedTuple):
-    """A shape in the scene."""
-
-    link: str  # name in the scene
-    of: str  # name of the member or obstacle
-    tree: int  # number of the tree, or WORLD
-    body: int  # row of the body, or one beyond all of them
-    moves: bool
-    shape: Shape | HalfSpace
-    E: np.ndarray  # rotation (3, 3) of the shape's link in the frame of the body, or in the world
-    r: np.ndarray  # its origin there (3,) [m]
-    on_points: bool = True  # its link touches the ground with points, or not at all
-
-    @property
-    def kind(self) -> type:
-        """Return the type of the shape."""
-        return HalfSpace if isinstance(self.shape, HalfSpace) else type(self.shape.geometry)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names that the shape goes by."""
-        return (GROUND,) if isinstance(self.shape, HalfSpace) else shape_names(self.of, self.shape)
-
-    @property
-    def is_surface(self) -> bool:
-        """Return whether the shape is a half space or a height field, two of which have no distance."""
-        return self.kind in (HalfSpace, HeightField)
-
-
-class Parts(NamedTuple):
-    """All shapes of a scene."""
-
-    solids: list[Solid]
-    meeting: np.ndarray  # (n, 2) indices of the shapes of one robot that can meet
-    notes: list[str]
-
-
 def build_pairs(
     members: Sequence[Member],
     obstacles: Sequence[Placed],
@@ -137,8 +96,8 @@ def build_pairs(
     option = options.pairs
     if option is None:
         return NOTHING, tree
-    parts = _parts(members, obstacles, tree, options.ground)
-    chosen = _chosen(parts, option, _excluded(members, excluded))
+    parts = parts_of(members, obstacles, tree, options.ground)
+    chosen = chosen_pairs(parts, option, excluded_pairs(members, excluded))
     used = np.unique(chosen)
     if not len(used):
         return Touching(notes=(*parts.notes, "no two shapes can touch each other")), tree
@@ -158,7 +117,7 @@ def build_pairs(
             f"pairs: max_points is {slots}; expected {table.slots.max()} or more, which two of the shapes can touch at"
         )
     margin = max(option.penetration, options.ground.penetration if _has_ground(solids) and options.ground else 0.0)
-    room = np.array([slots, min(slots, max(MOST, 3 * len(trees_of(tree))))])
+    room = np.array([slots, min(slots, max(POINTS_AT_ONCE, 3 * len(trees_of(tree))))])
     turning = _turning(table, shapes, rubs[:, 1], rubs[:, 2])
     outside = np.zeros(len(radius), np.int64)
     for one, other in ((table.tree_a, table.tree_b), (table.tree_b, table.tree_a)):
@@ -211,61 +170,6 @@ def _concave(solids: Sequence[Solid]) -> Iterator[str]:
 # ---------------------------------------------------------------------------------------------- shapes
 
 
-def _parts(members: Sequence[Member], obstacles: Sequence[Placed], tree: Tree, ground: Ground | None) -> Parts:
-    """Gather all shapes: of members in the frames of their bodies, of obstacles and the ground in the world."""
-    solids: list[Solid] = []
-    meeting, notes = [np.zeros((0, 2), np.int64)], list[str]()
-    for number, member in enumerate(members):
-        model, own = member.model, trees_of(tree)[number]
-        if not model.shapes:
-            notes.append(f"{member.name}: it has no collision shapes, and touches nothing but the ground")
-            continue
-        found = meeting_shapes(model)
-        meeting.append(found.pairs + len(solids))
-        notes += [f"{member.name}: {note}" for note in found.notes]
-        pointed = {point.link for point in model.contacts}
-        for shape in model.shapes:
-            name = named(member, shape.link)
-            row, E, r = tree.placements[name]
-            moves = row > own.root or not own.fixed
-            on_points = shape.link in pointed or not member.placed.ground_contact
-            solids.append(Solid(name, member.name, number, row, moves, shape, E, r, on_points))
-    beyond = len(tree.bodies)
-    for placed in obstacles:
-        turn, at = rotation_from_quaternion(np.array(placed.orientation)), np.array((*placed.position, 0.0)[:3])
-        for shape in placed.model.shapes:
-            link = link_name(placed.name, shape.link)
-            solids.append(Solid(link, placed.name, WORLD, beyond, False, shape, turn, at))
-    if ground is not None and any(solid.moves and not solid.on_points for solid in solids):
-        if ground.moves:
-            raise ValueError(
-                "ground: its surface moves under contact points alone, and links without these touch it; give them "
-                "contact points, or leave out velocity and turning"
-            )
-        solids += of_ground(ground, beyond)
-    return Parts(solids, np.concatenate(meeting), notes)
-
-
-def of_ground(ground: Ground, beyond: int) -> list[Solid]:
-    """Return the ground as a height field, or as all below its lowest tread with a box for each other one."""
-    if ground.field is not None:
-        place = np.eye(3), np.array([0.0, 0.0, ground.height])
-        return [Solid(GROUND, GROUND, WORLD, beyond, False, Shape(GROUND, ground.field), *place)]
-    normal, first, second = plane_axes(ground)
-    turn, levels = np.stack([first, second, normal], axis=1), [ground.height * float(normal[2])]
-    steps = sorted(ground.steps)
-    for _, rise in steps:
-        levels.append(levels[-1] + rise)
-    low = min(levels)
-    found = [Solid(GROUND, GROUND, WORLD, beyond, False, HalfSpace(), turn, low * normal)]
-    for level, (start, _), (end, _) in zip(levels, [(-WIDE, 0.0), *steps], [*steps, (WIDE, 0.0)]):
-        if level > low and end > start:
-            size = (end - start, 2.0 * WIDE, level - low + UNDER)
-            at = 0.5 * (start + end) * first + (level - 0.5 * size[2]) * normal
-            found.append(Solid(GROUND, GROUND, WORLD, beyond, False, Shape(GROUND, Box(size)), turn, at))
-    return found
-
-
 def _shapes(solids: Sequence[Solid]) -> Shapes:
     """Lay the shapes out, in the frames of their bodies."""
     shapes = shape_tables([solid.shape for solid in solids], [solid.body for solid in solids])
@@ -277,123 +181,6 @@ def _shapes(solids: Sequence[Solid]) -> Shapes:
 
 def _has_ground(solids: Sequence[Solid]) -> bool:
     return any(solid.link == GROUND for solid in solids)
-
-
-# ---------------------------------------------------------------------------------------------- which
-
-
-class _Shapes(NamedTuple):
-    """Hold what decides which shapes of a scene may touch; a pair of rows i < j has the number i n + j."""
-
-    tree: np.ndarray
-    body: np.ndarray
-    moves: np.ndarray
-    surface: np.ndarray
-    ground: np.ndarray
-    on_points: np.ndarray
-    meeting: np.ndarray  # numbers of the pairs of one robot that can meet
-
-    @classmethod
-    def of(cls, parts: Parts) -> _Shapes:
-        """Gather it."""
-        rows = [(s.tree, s.body, s.moves, s.is_surface, s.link == GROUND, s.on_points) for s in parts.solids]
-        tree, body, *which = np.array(rows, int).reshape(-1, 6).T
-        moves, surface, ground, on_points = (one.astype(bool) for one in which)
-        meeting = _numbers(parts.meeting[:, 0], parts.meeting[:, 1], len(rows))
-        return cls(tree, body, moves, surface, ground, on_points, meeting)
-
-    def possible(self, pairs: np.ndarray) -> np.ndarray:
-        """Return which pairs (pairs,) can touch at all."""
-        i, j = np.divmod(pairs, len(self.tree))
-        on_points = (self.ground[i] & self.on_points[j]) | (self.ground[j] & self.on_points[i])
-        return (
-            (self.moves[i] | self.moves[j])
-            & (self.body[i] != self.body[j])
-            & ~on_points
-            & ~(self.surface[i] & self.surface[j])
-        )
-
-    def usual(self, pairs: np.ndarray) -> np.ndarray:
-        """Return which pairs (pairs,) touch unless the scene says otherwise."""
-        i, j = np.divmod(pairs, len(self.tree))
-        return self.possible(pairs) & ((self.tree[i] != self.tree[j]) | np.isin(pairs, self.meeting))
-
-    def every(self, apart: np.ndarray) -> np.ndarray:
-        """Return the usual pairs; raise ValueError, before any is listed, if without those apart they are too many."""
-        _check_count(self._count() - int(self.usual(apart).sum()))
-        n, still, found = len(self.tree), np.flatnonzero(~self.moves), []
-        for i in np.flatnonzero(self.moves).tolist():
-            pairs = _numbers(i, np.concatenate([still[still < i], np.arange(i + 1, n)]), n)
-            found.append(pairs[self.usual(pairs)])
-        return np.concatenate([np.zeros(0, np.int64), *found])
-
-    def _count(self) -> int:
-        """Return how many pairs of two trees, of which one moves, there are, and of one robot."""
-        each = np.unique(self.tree[self.moves], return_counts=True)[1]
-        moving, on_points = each.sum(), self.on_points[self.moves].sum() * self.ground.sum()
-        between = (moving**2 - (each**2).sum()) // 2
-        return int(between + moving * (~self.moves).sum() - on_points + len(self.meeting))
-
-
-def _numbers(one: Any, two: Any, n: int) -> np.ndarray:
-    """Return the numbers of pairs of n shapes."""
-    return np.minimum(one, two) * n + np.maximum(one, two)
-
-
-def _between(one: Sequence[int], two: Sequence[int], n: int) -> np.ndarray:
-    """Return the numbers of the pairs of each shape of one with each of another."""
-    return np.unique(_numbers(np.array(one, np.int64)[:, None], np.array(two, np.int64), n))
-
-
-def _check_count(count: int) -> None:
-    """Raise ValueError if pairs are too many to be compiled, and warn if it takes long."""
-    text = (
-        f"pairs: {count} pairs of shapes may touch each other, which take about {count * PAIR_BYTES / 1e9:.2g} GB and "
-        f"{count * PAIR_TIME:.2g} s to compile, and every step passes through all of them"
-    )
-    remedy = "give pairs of the names of those that meet, or exclude links"
-    if count > MOST_PAIRS:
-        raise ValueError(f"{text}; at most {MOST_PAIRS} are taken: {remedy}")
-    if count > MANY_PAIRS:
-        warnings.warn(f"{text}: {remedy}", stacklevel=7)
-
-
-def _chosen(parts: Parts, option: PairContact, excluded: Iterable[tuple[str, str]]) -> np.ndarray:
-    """Return the rows (pairs, 2) of the shapes that may touch each other, in their order."""
-    n, shapes, rows = len(parts.solids), _Shapes.of(parts), rows_by_name(solid.names for solid in parts.solids)
-    none = np.zeros(0, np.int64)
-    apart = np.unique(np.concatenate([none, *(_between(rows.get(a, []), rows.get(b, []), n) for a, b in excluded)]))
-    rows = rows_by_name(dict.fromkeys((solid.of, solid.link)) for solid in parts.solids)
-    if isinstance(option.select, str):
-        chosen = shapes.every(apart) if option.select == ALL else none
-    else:
-        chosen = np.concatenate([none, *(_asked_for(pair, rows, shapes, apart) for pair in option.select)])
-    return np.stack(np.divmod(np.setdiff1d(chosen, apart), max(n, 1)), axis=1)
-
-
-def _asked_for(pair: tuple[str, str], rows: dict[str, list[int]], shapes: _Shapes, apart: np.ndarray) -> np.ndarray:
-    """Return the numbers of the pairs that a pair of names stands for; raise ValueError if it is none."""
-    for name in pair:
-        if name not in rows:
-            known = ", ".join(map(repr, list(rows)[:20]))
-            raise ValueError(
-                f"pairs: {name!r} is no member, obstacle or link with a collision shape; expected one of {known}: "
-                "correct the name, or give the link a shape"
-            )
-    one, two = (rows[name] for name in pair)
-    found = _between(one, two, len(shapes.tree))
-    found = found[shapes.possible(found) if all(SEPARATOR in name for name in pair) else shapes.usual(found)]
-    if np.isin(found, apart).all():
-        cause = "are excluded" if len(found) else "are neighbors, do not move, or have contact points there"
-        raise ValueError(f"pairs: {pair[0]!r} and {pair[1]!r} cannot touch: all their shapes {cause}; leave them out")
-    return found
-
-
-def _excluded(members: Sequence[Member], excluded: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of links or shapes that do not touch: those of the scene, and of each robot."""
-    yield from excluded
-    for member in members:
-        yield from ((named(member, one), named(member, two)) for one, two in member.model.excluded)
 
 
 # ---------------------------------------------------------------------------------------------- records
@@ -612,4 +399,4 @@ def _bounds(
 
 def _travel(joint: Joint) -> float:
     """Return how far a sliding joint can be from zero [m]."""
-    return min(BEYOND * max(abs(joint.lower), abs(joint.upper)), FAR)
+    return min(BEYOND * max(abs(joint.lower), abs(joint.upper)), LONGEST_SLIDE)

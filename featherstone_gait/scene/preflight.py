@@ -23,6 +23,7 @@ import numpy as np
 
 from ..base.arguments import one_of, real
 from ..base.fixed_order import product, solve, total
+from ..base.flaws import quoted
 from ..core.effects import contact, drag, joint_spring, tendon
 from ..core.effects.friction import DRY, SOFT
 from ..core.integrate import INTEGRATORS
@@ -340,3 +341,11 @@ def _factors(
     if len(G) > len(G.T):
         M, J = product(product(G.T, M), G), product(J, G)
     return Mobility(J, solve(M, J.T))
+
+
+def closing(check: Preflight, model: Model) -> Preflight:
+    """Say in the reason that loops are closed, if there are any."""
+    if not model.loops:
+        return check
+    names = quoted([loop.name for loop in model.loops])
+    return check._replace(reason=f"{check.reason}; loops {names} are closed after each step")

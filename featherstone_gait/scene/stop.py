@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from ..base.records import records
 from ..core.effects.stop import STOP, STOP_DEPTH
 from ..model import Joint, Model
 from .actuator import Drive, stall_torque
-from .records import records
 
 LEVER = 0.1  # [m]; of the robot's weight on a joint whose strongest torque is not known
 NO_LIMIT = 1e300  # [rad or m]

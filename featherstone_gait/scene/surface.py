@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..base.fixed_order import applied
+from ..base.records import records
 from ..core.effects.surface import SURFACE
 from ..model import ContactPoint, Model, Surface
 from ..model.placed import Placed, link_name
 from ..model.shapes import Shape
-from .records import records
 
 
 def drives_of(model: Model) -> dict[str, float]:

@@ -10,20 +10,21 @@ where it rests: see `preflight.py`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from ..base.fixed_order import applied
+from ..base.records import records
 from ..core.effects.friction import FRICTION, SOFT, STUCK
 from ..core.effects.stop import STOP
 from ..core.effects.tendon import BEGIN, BEND, DRIVE, JOINT, PART, POINT, TENDON, TURN, WORLD, Tendons
 from ..core.integrate.integrator import Integrator
-from ..model import Model, Placement, Tendon, Wrap
+from ..dynamics.tree import Tree, wrap_record
+from ..model import Model, Placement, Spring, Tendon, Wrap
+from ..model.tendon import ball_limit, spring_tendon
 from .actuator import pd_laws
-from .records import records
 from .stop import NO_LIMIT, fill_stop, load_of
-from .tree import Tree, wrap_record
 
 IN_WORLD = Placement(WORLD, np.eye(3), np.zeros(3))
 
@@ -136,3 +137,12 @@ def fold_tendons(tendons: Tendons | None, integrator: Integrator, h: float, iner
         tendons.table.fold = integrator.folds_spring or h * h * math.fsum(each) > 1.0
         if tendons.drives is not None:
             tendons.drives.fold = tendons.table.fold
+
+
+def lines_of(model: Model, springs: Iterable[Spring]) -> tuple[Tendon, ...]:
+    """Return what acts along a length: tendons, springs between links, and limits of ball joints."""
+    return (
+        *(one for one in model.tendons if one.acts),
+        *(spring_tendon(spring) for spring in springs),
+        *(ball_limit(joint) for joint in model.ball_joints if joint.upper < math.inf),
+    )

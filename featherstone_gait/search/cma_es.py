@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import whole
 from .ask_tell import check_start
-from .generations import MOST, Generations, Method
+from .generations import MOST_CANDIDATES, Generations, Method
 
 # pycma's tests for the end are off, so that methods can be compared at equal numbers of evaluations.
 ENDLESS = {
@@ -66,7 +66,7 @@ def cma_es(
         raise ValueError("amplitude is None; give how far the search is to look at first, a number or (D,)")
     x0, box = check_start(x0, bounds, amplitude)
     if population is not None:
-        population = whole("population", population, 3, "it must be at least 3", MOST)
+        population = whole("population", population, 3, "it must be at least 3", MOST_CANDIDATES)
     seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     rng = np.random.Generator(np.random.PCG64(seed))  # pycma's own seeding would seed all of NumPy
     options = ENDLESS | {

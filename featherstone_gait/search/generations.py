@@ -21,7 +21,7 @@ from .ask_tell import AskTell
 
 Method = Generator[Sequence[np.ndarray], list[float]]
 
-MOST = 10**6  # candidates of a generation, or at once
+MOST_CANDIDATES = 10**6  # candidates of a generation, or at once
 FALLEN = 1e100  # [the cost's unit]
 
 

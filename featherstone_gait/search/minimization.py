@@ -16,7 +16,7 @@ from ..base.arguments import functions, path, truth, whole
 from ..base.progress import progress_bar
 from .annealing import MESSAGES, AdaptiveSimulatedAnnealing
 from .ask_tell import Cost, Map, check_map
-from .generations import MOST
+from .generations import MOST_CANDIDATES
 from .history import AnnealingHistory
 from .speculation import Speculation
 
@@ -89,7 +89,7 @@ def minimize(
         x0, amplitude=amplitude, max_miss=max_miss, max_iterations=max_iterations, no_progress=no_progress,
         bounds=bounds, seed=seed,
     )  # fmt: skip
-    batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once", MOST)
+    batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once", MOST_CANDIDATES)
     functions("fun", "map", "evaluate", "callback", fun=fun, map=map, evaluate=evaluate, callback=callback)
     if evaluate is None:
         check_map(fun, map)

@@ -29,7 +29,7 @@ from ..base.arguments import functions, truth, whole
 from ..base.progress import progress_bar
 from .annealing import MESSAGES
 from .ask_tell import Answer, Map, Search, check_map, check_search
-from .generations import MOST
+from .generations import MOST_CANDIDATES
 from .run import costs_of
 
 NoisyCost = Callable[[np.ndarray, tuple[int, int, int]], Answer]  # of a candidate (D,) and a draw
@@ -84,8 +84,8 @@ def minimize_noisy(
         x, fun (the estimated cost), error (its standard error), nit, nfev, duels, success, status and message (those of
         `minimize`) and history, a list of `Belief`.  A KeyboardInterrupt ends the search with what was found.
     """
-    repeats = whole("repeats", repeats, 2, "a standard error needs two", MOST)
-    batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once", MOST)
+    repeats = whole("repeats", repeats, 2, "a standard error needs two", MOST_CANDIDATES)
+    batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once", MOST_CANDIDATES)
     seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     functions("fun", "map", fun=fun, map=map)
     check_map(fun, map)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import real, truth, whole
 from .ask_tell import check_start
-from .generations import MOST, Generations, Method
+from .generations import MOST_CANDIDATES, Generations, Method
 
 POPULATION = 50  # SciPy's 15 D are 600 evaluations a generation for a gait of forty angles
 Evaluate = Callable[[Sequence[np.ndarray]], list[float]]
@@ -63,7 +63,7 @@ def differential_evolution(
     if amplitude is None:
         raise ValueError("amplitude is None; give how far from x0 the first are to be, a number or (D,)")
     x0, box = _check_start("differential evolution", x0, bounds, amplitude)
-    population = whole("population", population, 5, "there is too little to take differences of below", MOST)
+    population = whole("population", population, 5, "there is too little to take differences of below", MOST_CANDIDATES)
     seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     rng = np.random.Generator(np.random.PCG64(seed))
     first = x0 + np.asarray(amplitude) * rng.uniform(-1.0, 1.0, (population, len(x0)))

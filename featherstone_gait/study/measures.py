@@ -28,11 +28,11 @@ import numpy as np
 
 from ..core.compile.lanes import WIDTH
 from ..core.effects.energies import METER
+from ..dynamics.tree import followed
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch, standing_state
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
-from ..scene.tree import followed
 from .bisection import largest
 from .draws import drawn_scenes, offset_of
 from .settings import ONLY, Setup, scene_of, section_of, servos_with

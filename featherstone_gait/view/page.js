@@ -1,6 +1,6 @@
 "use strict";
 // The data of the page: runs as of view/recorded.py, lengths in data.unit [m], quaternions in data.turn; or a report as
-// of view/gait_page.py.  What is not there is not drawn.
+// of optimize/gait_page.py.  What is not there is not drawn.
 const data = { models: [], runs: [], plots: [], notes: [], ...JSON.parse(document.getElementById("data").textContent) };
 const FAR = 2.4;            // distance of the eye by the width that is seen
 const ARROW = 0.35;         // length of a force of the whole weight, by the width that is seen at first

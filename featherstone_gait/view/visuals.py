@@ -22,7 +22,7 @@ from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from ..robot_file.visuals import Ellipsoid, Triangles, Visual, read_visuals
 
 FACES = 8000  # of the meshes of a robot
-LEAST = 40  # faces that a mesh may always have
+LEAST_FACES = 40  # faces that a mesh may always have
 ROUND = 16  # corners of a circle
 LEFT, RIGHT, MIDDLE = (74, 144, 226), (240, 140, 60), (158, 166, 176)  # colors of links that have none, by name
 SIDES_OF = {"left": {"l", "lf", "lh", "fl", "rl", "hl"}, "right": {"r", "rf", "rh", "fr", "rr", "hr"}}
@@ -165,7 +165,7 @@ def _simplified(parts: list[_Part], most: int, size: float) -> Iterator[_Part]:
         points, first = np.concatenate([part.points for part in mesh]), np.cumsum([0, *(len(p.points) for p in mesh)])
         faces = np.concatenate([part.faces + k for part, k in zip(mesh, first)])
         owner = np.repeat(np.arange(len(mesh)), [len(part.faces) for part in mesh])
-        vertices, kept, source = thinned(points, faces, max(LEAST, int(most * _size(points) / size)))
+        vertices, kept, source = thinned(points, faces, max(LEAST_FACES, int(most * _size(points) / size)))
         ajar = bool(len(kept)) and _has_boundary(points, faces)
         for k, part in enumerate(mesh):
             used, place = np.unique(kept[owner[source] == k], return_inverse=True)

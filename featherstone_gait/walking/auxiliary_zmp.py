@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import finite, floats
 from ..base.fixed_order import applied, total
 from ..base.portable_math import exp
-from ..scene.tree import GRAVITY
+from ..dynamics.tree import GRAVITY
 from .preview_control import HORIZON, ComPlan, check_settings, cost_to_go, gains, preview_sum, zmp_reference
 
 

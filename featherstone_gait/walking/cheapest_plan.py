@@ -31,18 +31,18 @@ from tqdm import tqdm
 from ..base.arguments import instance, listed, one_of, shown, truth, whole
 from ..base.brief import brief
 from ..base.progress import progress_bar
+from ..dynamics.tree import GRAVITY
 from ..identification.curve import torque_speed
 from ..model import Model, Servo
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_posture
-from ..scene.tree import GRAVITY
 from .cost import WalkingCost
 from .cost_in_worlds import CostInWorlds, variations
 from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of
 from .generic_servo import HEIGHT, LEG
 from .inverse_kinematics import nearest
 from .kinematics import center_of_mass, joint_limits
-from .one_leg import MOST, least_servo, load_on_one_leg
+from .one_leg import TORQUE_SHARE, least_servo, load_on_one_leg
 from .plan import BIOLOID_WALK, Plan, WalkSettings, downward, walking_plan
 from .stance import Size, default_posture, first_base, size_of, soles_of
 
@@ -469,7 +469,7 @@ class _Search:
         if asked[worst] <= FASTER * self.speeds[worst]:
             return
         load = load_on_one_leg(model, plan)
-        enough = least_servo(load.largest / MOST if load else 0.0, float(asked.max()) / FASTER)
+        enough = least_servo(load.largest / TORQUE_SHARE if load else 0.0, float(asked.max()) / FASTER)
         raise ValueError(
             f"{model.name}: the joints are too slow to walk: even a step of {1e3 * walk.step_length:.0f} mm in "
             f"{walk.step_time:.2f} s turns {model.joint_names[worst]} at {asked[worst]:.2g} rad/s, and without load it "

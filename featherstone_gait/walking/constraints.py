@@ -23,10 +23,10 @@ from numpy.typing import ArrayLike
 from ..base.arguments import instance, is_real, shown
 from ..base.brief import brief
 from ..dynamics import contact_positions_at, forward_kinematics
+from ..dynamics.tree import GRAVITY
 from ..geometry.distance import clearance
 from ..model import Model
 from ..run.trajectory import Trajectory
-from ..scene.tree import GRAVITY
 from .cost import LOADED, RECORD, BatchCost, Measures, WalkingCost, window_of
 from .kinematics import joint_limits
 

@@ -57,7 +57,7 @@ PRICE, GROWS, LARGEST_PRICE = 0.5, 1.35, 30.0
 ROWS_PER_NUMBER = 2  # gaits for each of the angles at least, that slopes are measured with
 SAMPLE = 0.02  # [s] between records
 SHORT = {"warm_up": 1, "strides": 4}  # of the walks that slopes are fitted to
-FAR = 2.0  # scales inside a limit from which it is ignored
+IGNORED_WITHIN = 2.0  # scales inside a limit from which it is ignored
 FINER = 0.25  # of the time step, where speeds chatter
 MEMORY = 3  # gaits of which the next has to be better than the worst
 SPREAD = 1.0  # standard deviations between strides that are added to their mean
@@ -264,7 +264,7 @@ def _advance(
     descent.price = min(PRICE * GROWS ** seed[1], LARGEST_PRICE)
     worst = max(descent.objective(line["f"], line["broken"]) for line in log.lines[-MEMORY:])
     slope, slopes, violations = descent.slopes(point, seed)
-    near = violations > -FAR
+    near = violations > -IGNORED_WITHIN
     change = _best(slope, slopes[:, near], violations[near], descent.price, radius)
     trials = descent.points([np.clip(point.x + share * change, *descent.box.T) for share in TRIALS])
     best = 0.0

@@ -31,7 +31,7 @@ BEFORE, AFTER = 1, 4  # strides before a push, and from it on
 DIRECTIONS = 8
 PHASES = 4
 RATIO = 2.0**0.125  # of successive impulses
-LEAST, LEVELS = 0.05, 200  # the smallest impulse [N s], and how many there are
+LEAST_IMPULSE, LEVELS = 0.05, 200  # the smallest impulse [N s], and how many there are
 SEED = 3 * 10**5  # of the worlds
 
 
@@ -91,10 +91,10 @@ def pushes_survived(
         good, bad = -1, LEVELS
         middle = 24
         while bad - good > 1:
-            stands = fall(LEAST * RATIO**middle, 2.0 * math.pi * k / DIRECTIONS) < 0.5
+            stands = fall(LEAST_IMPULSE * RATIO**middle, 2.0 * math.pi * k / DIRECTIONS) < 0.5
             good, bad = (middle, bad) if stands else (good, middle)
             middle = min(good + 8, (good + bad + 1) // 2) if good >= 0 else bad // 2
-        return LEAST * RATIO**good if good >= 0 else 0.0
+        return LEAST_IMPULSE * RATIO**good if good >= 0 else 0.0
 
     with ThreadPoolExecutor(cpu_count()) as pool:
         return np.array([*pool.map(found, range(DIRECTIONS))])

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, floats, texts
 from ..base.arguments import path as path_of
-from ..base.files import FilePath, Format, read_csv, write_csv
-from ..identification.recording import read_columns
+from ..base.files import FilePath, Format, read_columns, read_csv, write_csv
 
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
 TIME_COLUMN = "time_s"

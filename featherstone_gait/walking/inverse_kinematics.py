@@ -23,9 +23,8 @@ from numpy.typing import ArrayLike
 from ..base.arguments import finite, floats, instance
 from ..base.fixed_order import applied, product, solve, total
 from ..dynamics import check_model
-from ..dynamics.algorithms import loop_measures
 from ..dynamics.jacobians import jacobian_at, point_at
-from ..dynamics.loops import DEPENDENT
+from ..dynamics.loops import DEPENDENT, loop_measures
 from ..model import Model
 from .kinematics import joint_axes, joint_limits, link_index, link_poses, upright_states
 

@@ -20,7 +20,7 @@ from .limits import BY_NAME, net_stall_torque
 from .plan import Plan
 from .stance import soles_of
 
-MOST = BY_NAME["torque"].bound  # share of the stall torque that a walk may ask for
+TORQUE_SHARE = BY_NAME["torque"].bound  # share of the stall torque that a walk may ask for
 
 
 def one_leg_torques(model: Model, plan: Plan) -> np.ndarray:
@@ -74,10 +74,10 @@ def load_on_one_leg(model: Model, plan: Plan) -> Load | None:
 def check_strength(model: Model, plan: Plan) -> None:
     """Raise ValueError if a servo is too weak for the robot to stand on one leg; name the weakest servo that is not."""
     load = load_on_one_leg(model, plan)
-    if load is not None and load.share > MOST:
+    if load is not None and load.share > TORQUE_SHARE:
         raise ValueError(
-            f"{model.name} is too heavy for these servos: {load}, of which a walk may ask for {MOST:.0%}; "
-            f"{least_servo(load.largest / MOST)}"
+            f"{model.name} is too heavy for these servos: {load}, of which a walk may ask for {TORQUE_SHARE:.0%}; "
+            f"{least_servo(load.largest / TORQUE_SHARE)}"
         )
 
 

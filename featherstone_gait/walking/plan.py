@@ -27,8 +27,8 @@ from ..base.arguments import finite, is_real, one_of, real, shown, whole
 from ..base.brief import brief
 from ..base.portable_math import sincos
 from ..dynamics import check_model
+from ..dynamics.tree import GRAVITY
 from ..model import Model
-from ..scene.tree import GRAVITY
 from .auxiliary_zmp import plan_com_auxiliary
 from .inverse_kinematics import check_limits, closed, reach
 from .kinematics import center_of_mass

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import floats, is_real, shown, whole
 from ..base.brief import brief
 from ..base.fixed_order import applied, product, total
-from ..scene.tree import GRAVITY
+from ..dynamics.tree import GRAVITY
 
 # Digits of the gains.  Against a 50-digit solution of the Riccati equation our error is up to 1e-13, SciPy's 8e-11: to
 # seven digits practically all gains are those of any solver.  The ZMP of a 0.3 m step moves by 2e-7 m.

@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 from ..base.arguments import finite, real
 from ..base.fixed_order import applied, total
 from ..dynamics import check_model
+from ..dynamics.tree import GRAVITY
 from ..model import Model, inertia_matrix
-from ..scene.tree import GRAVITY
 from .kinematics import link_centers, link_poses
 
-LEAST = 5  # samples of a motion
+LEAST_SAMPLES = 5  # samples of a motion
 
 
 def multibody_zmp(
@@ -54,8 +54,8 @@ def multibody_zmp(
     g = real("g", g, 1e-9, 1e9, "give the strength of gravity [m/s^2]")
     angles = finite("angles", angles, (None, len(check_model(model).joint_names)), "[rad]")
     base_position = finite("base_position", base_position, (len(angles), 3), "[m]")
-    if len(angles) < LEAST:
-        raise ValueError(f"angles have {len(angles)} samples; accelerations take {LEAST} or more")
+    if len(angles) < LEAST_SAMPLES:
+        raise ValueError(f"angles have {len(angles)} samples; accelerations take {LEAST_SAMPLES} or more")
     poses = link_poses(model, angles, base_position)
     mass, centers = np.array([link.mass for link in model.links]), link_centers(model, poses)
     center, acceleration = centers[2:-2], (centers[3:-1] - 2 * centers[2:-2] + centers[1:-3]) / (T * T)

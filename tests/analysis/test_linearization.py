@@ -11,7 +11,7 @@ from scenes import arm_scene, box_on, pendulum, resting
 from scipy.linalg import expm
 
 from featherstone_gait import Ground, Reference, compile_scene, initial_state, linearize, load_robot, simulate, trim
-from featherstone_gait.analysis.linearization import _spare
+from featherstone_gait.analysis.period_runs import _spare
 from featherstone_gait.benchmark.linearize import _falling
 from featherstone_gait.model import Controller, Joint, Link, Mimic, Model, Servo, Spring
 from featherstone_gait.walking.walker import load_walker

@@ -9,7 +9,7 @@ import pytest
 
 from featherstone_gait import cli
 from featherstone_gait.identification import Recording, predict
-from featherstone_gait.identification.bench import pendulum
+from featherstone_gait.identification.bench_rollouts import pendulum
 from featherstone_gait.model import Controller, Servo
 from featherstone_gait.robot_file import load_servo
 from featherstone_gait.robot_file.servos import servo_names

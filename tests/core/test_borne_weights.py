@@ -17,8 +17,8 @@ from featherstone_gait import (
     simulate,
     simulate_batch,
 )
+from featherstone_gait.dynamics.tree import GRAVITY
 from featherstone_gait.run.simulate import initial_state
-from featherstone_gait.scene.tree import GRAVITY
 
 STATE = ("base_q", "q", "base_qd", "qd")
 PLAIN = {"integrator": "rk4", "timestep": 1e-3}

@@ -25,11 +25,11 @@ from featherstone_gait import (
     simulate,
     simulate_batch,
 )
+from featherstone_gait.base.records import records
 from featherstone_gait.core.compile.jit import entry
 from featherstone_gait.core.effects.fluid import IMMERSED
-from featherstone_gait.core.tree.immersion import CAPSULE, CYLINDER, POLYHEDRON, SPHERE, immersed
+from featherstone_gait.core.shapes.immersion import CAPSULE, CYLINDER, POLYHEDRON, SPHERE, immersed
 from featherstone_gait.scene.fluid import triangles_of
-from featherstone_gait.scene.records import records
 
 G, WATER = 9.81, 1000.0
 

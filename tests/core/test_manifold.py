@@ -9,8 +9,8 @@ import pytest
 
 from featherstone_gait import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from featherstone_gait.base.rotation import rotation_from_rpy
-from featherstone_gait.core.tree.distance import Room, pair_distances
-from featherstone_gait.core.tree.manifold import pair_contacts
+from featherstone_gait.core.shapes.distance import Room, pair_distances
+from featherstone_gait.core.shapes.manifold import pair_contacts
 from featherstone_gait.geometry.distance import HalfSpace, contact_bench, field_bench, shape_tables
 
 QUARTER = 0.5 * math.pi
@@ -52,11 +52,12 @@ class Placed:
         """The points of each pair."""
         pairs = np.ascontiguousarray(self.pairs[:, ::-1]) if swap else self.pairs
         out, counts = np.zeros((len(pairs), 8, 8)), np.zeros(len(pairs), np.int64)
-        pair_contacts(self.tables, self.room, self.bench, pairs, margin, self.rotation, self.position, out, counts)
+        poses = self.rotation, self.position
+        pair_contacts(self.tables, self.room, self.bench, pairs, margin, poses, out, counts)
         return [points[:count] for points, count in zip(out, counts)]
 
     def distances(self):
-        """The signed distance of each pair, by core/tree/distance.py."""
+        """The signed distance of each pair, by core/shapes/distance.py."""
         out = np.zeros(len(self.pairs))
         pair_distances(self.tables, self.room, self.pairs, self.rotation, self.position, out)
         return out

@@ -8,8 +8,8 @@ import pytest
 from featherstone_gait.core.compile.jit import ENTRY, JIT, entry, inline, kernel
 from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes
 from featherstone_gait.core.compile.optional import in_lanes
-from featherstone_gait.core.compile.structure import structure
-from featherstone_gait.core.step.context import Scene, Step, of_tree, with_bodies
+from featherstone_gait.core.compile.structure import replacing, structure
+from featherstone_gait.core.step.context import Scene
 
 RECORD = np.dtype([("m", np.float64), ("k", np.int64)])
 
@@ -46,10 +46,13 @@ def an_outer(x):
     return Outer(a_structure(x), record[0], (0.25, 7))
 
 
+_with = inline(replacing(Inner, "on", "x", "weight"))
+
+
 @kernel
 def _turned(a, k):
     """A structure made here and given back."""
-    return Inner(x=a.x[k:], absent=a.absent, on=not a.on, weight=a.weight + k)
+    return _with(a, not a.on, a.x[k:], a.weight + k)
 
 
 @kernel
@@ -140,10 +143,9 @@ def test_functions_take_an_address_and_not_the_fields():
     assert head.count(",") < 12  # results, the structure, and what an array is made of
 
 
-def test_the_step_of_one_tree_or_of_other_bodies_is_the_same_in_all_else():
-    """Both list all fields, because kernels have no `_replace`."""
+@pytest.mark.nojit
+def test_a_copy_with_other_values_of_some_fields_is_the_same_in_all_else():
     scene = Scene(*(f"scene's {name}" for name in Scene._fields))
-    step = Step(*(f"step's {name}" for name in Step._fields))._replace(scene=scene)
-    alone, part = (getattr(each, "py_func", each) for each in (with_bodies, of_tree))
-    assert alone(step, "others") == step._replace(scene=scene._replace(tree="others"))
-    assert part(step, "one") == step._replace(part="one")
+    copied = replacing(Scene, "tree", "balls")(scene, "others", None)
+    assert type(copied) is Scene
+    assert copied == scene._replace(tree="others", balls=None)

@@ -34,7 +34,7 @@ from featherstone_gait import (
     trim,
 )
 from featherstone_gait.dynamics import momentum
-from featherstone_gait.dynamics.algorithms import spring_forces, tendon_energy
+from featherstone_gait.dynamics.tendons import spring_forces, tendon_energy
 from featherstone_gait.run.simulate import initial_state
 
 STILL = (0.0, 0.0, 0.0)

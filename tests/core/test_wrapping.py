@@ -30,7 +30,7 @@ from featherstone_gait import (
     tendon_jacobian,
     tendon_lengths,
 )
-from featherstone_gait.dynamics.algorithms import spring_forces
+from featherstone_gait.dynamics.tendons import spring_forces
 
 STILL = (0.0, 0.0, 0.0)
 QUIET = {"estimate_error": False}

@@ -21,9 +21,9 @@ from featherstone_gait.dynamics import (
     mass_matrix,
     momentum,
 )
+from featherstone_gait.dynamics.tree import compile_tree
 from featherstone_gait.model import ContactPoint, Joint, Link, Model, inertia_matrix
 from featherstone_gait.robot_file import load_robot, robot_names
-from featherstone_gait.scene.tree import compile_tree
 
 SHAPES = [(1, 1.0), (2, 1.0), (3, 2.0), (7, 1.3), (20, 1.0), (20, 1.5), (50, 1.0), (50, 1.2), (50, 4.0)]
 

@@ -35,7 +35,7 @@ from featherstone_gait import (
     simulate,
 )
 from featherstone_gait.base.rotation import rotation_from_rpy, rpy_from_rotation
-from featherstone_gait.dynamics.algorithms import loop_measures
+from featherstone_gait.dynamics.loops import loop_measures
 
 G = 9.81  # [m/s^2]
 Y = (0.0, 1.0, 0.0)

@@ -36,7 +36,7 @@ from featherstone_gait import (
 from featherstone_gait.base.rotation import rotation_from_rpy
 from featherstone_gait.geometry import mesh as mesh_files
 from featherstone_gait.geometry.contact_choice import corner_error, lowest_levels
-from featherstone_gait.geometry.hull import MOST, corners_of, sides
+from featherstone_gait.geometry.hull import MOST_CORNERS, corners_of, sides
 from featherstone_gait.model import Mimic
 from featherstone_gait.model.rest_posture import nearest_positions
 from featherstone_gait.model.tree_checks import check_locked
@@ -125,7 +125,7 @@ def test_a_cube_has_six_faces_and_its_edges_three_directions():
 def test_a_thinned_hull_misses_what_it_says(points):
     """The distance of nested convex bodies is the largest difference of how far they reach in any direction."""
     corners = corners_of(points)
-    assert len(corners.points) == MOST
+    assert len(corners.points) == MOST_CORNERS
     assert set(map(tuple, corners.points.tolist())) <= set(map(tuple, points.tolist()))
     directions = ball(20_000, 1.0)
     parts = np.split(directions.T, 4, axis=1)
@@ -503,7 +503,7 @@ def test_the_lower_half_of_a_foot_keeps_its_lowest_corner():
     row = [link.name for link in robot.links].index("fl_foot")
     whole = poses.position[row, 2] + (points @ poses.rotation[row, 2]).min()
     assert levels.min() == pytest.approx(whole, abs=1e-12)
-    assert len(levels) <= 4 * MOST
+    assert len(levels) <= 4 * MOST_CORNERS
     assert corner_error(robot.shapes[-1]) > 1e-3  # what it would miss by
 
 

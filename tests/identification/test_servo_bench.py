@@ -12,18 +12,17 @@ from scipy.stats import binom
 from featherstone_gait import Reference, compile_scene, load_servo, simulate
 from featherstone_gait.cli import main
 from featherstone_gait.identification import bench as servo_bench
+from featherstone_gait.identification import bench_rollouts
 from featherstone_gait.identification import effects as servo_effects
 from featherstone_gait.identification.bench import (
-    BASE,
     MODELS,
     STS3250,
-    TIMES,
     XL330,
-    _Rollouts,
     fit_servo,
     leave_out,
     read_bench,
 )
+from featherstone_gait.identification.bench_rollouts import BASE, TIMES, Rollouts
 from featherstone_gait.identification.effects import COUNT
 from featherstone_gait.identification.log import FitLog
 from featherstone_gait.run.adjoint import Adjoint
@@ -41,7 +40,7 @@ def simulated(rows, bench, friction, values):
     """The recordings with the angles that the bench itself would show."""
     names = (*BASE, *MODELS[friction], *TIMES)
     every = {name: each.start for name, each in bench.parameters().items()} | values
-    (angles,) = _Rollouts(bench, rows)([{name: every[name] for name in names}])
+    (angles,) = Rollouts(bench, rows)([{name: every[name] for name in names}])
     return [replace(r, angle=a) for r, a in zip(rows, angles)]
 
 
@@ -127,20 +126,20 @@ def test_intervals_hold_as_often_as_they_say():
 def test_slopes_are_the_exact_ones():
     """Those by differences beside tangents of the tape, of all but the times: to 1e-5 of each column."""
     (r,) = recordings("xl330_kp200_sin_sin", XL330)
-    rollouts, every = _Rollouts(XL330, [r]), XL330.parameters()
+    rollouts, every = Rollouts(XL330, [r]), XL330.parameters()
     names = (*BASE, *MODELS["m4p"])
     values = {name: every[name].start for name in (*names, *TIMES)}
     width = {name: servo_bench.SLOPE_STEP * every[name].width for name in names}
     sets = [values, *(values | {name: values[name] + width[name]} for name in names)]
     (here,), *ahead = rollouts(sets)
-    worlds = [servo_bench._numbers_of(XL330, r, one) for one in sets]
-    worlds.append(servo_bench._numbers_of(XL330, r, {name: 1.01 * x + 1e-6 for name, x in values.items()}))
-    scenes = servo_bench._scenes(rollouts.scene, worlds)
-    runs = [prepare(scene, rollouts.steps * servo_bench.STEP, ("q",), servo_bench.STEP) for scene in scenes]
+    worlds = [bench_rollouts.numbers_of(XL330, r, one) for one in sets]
+    worlds.append(bench_rollouts.numbers_of(XL330, r, {name: 1.01 * x + 1e-6 for name, x in values.items()}))
+    scenes = bench_rollouts.scenes_of(rollouts.scene, worlds)
+    runs = [prepare(scene, rollouts.steps * bench_rollouts.STEP, ("q",), bench_rollouts.STEP) for scene in scenes]
     starts = [rollouts._begin(run, r, one["zero"])[0] for run, one in zip(runs, sets)]
     adjoint = Adjoint(runs[0], starts[0], runs[-1:])
     path = adjoint.run()[:, 0]
-    times = servo_bench.STEP * np.arange(len(path))
+    times = bench_rollouts.STEP * np.arange(len(path))
     seen = lambda path: np.interp(r.time - values["angle_age"] - r.time[0], times, path)  # noqa: E731
     assert np.array_equal(seen(path) + values["zero"], here)
 

@@ -25,11 +25,11 @@ from featherstone_gait.optimize import (
     summary,
     walking_cost,
 )
+from featherstone_gait.optimize.gait_page import candidate_numbers, write_gait_page
 from featherstone_gait.optimize.planning import default_states
 from featherstone_gait.optimize.quality import measure_in_test_worlds
 from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.search import minimize
-from featherstone_gait.view.gait_page import candidate_numbers, write_gait_page
 from featherstone_gait.walking import BIOLOID_WALK, Feedback, bounds, read_angles
 from featherstone_gait.walking.cost import cost_of_motion
 from featherstone_gait.walking.gait_file import angles_of_goal_positions

@@ -20,7 +20,7 @@ from featherstone_gait import core
 
 PACKAGE = Path(featherstone_gait.__file__).parent
 ROBOTS = Path(__file__).parents[2] / "robots"
-ROOMS = ("compile", "tree", "effects", "step", "integrate")  # of core
+ROOMS = ("compile", "tree", "shapes", "effects", "step", "integrate")  # of core
 MODULES = {
     ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
     for path in PACKAGE.rglob("*.py")
@@ -117,6 +117,13 @@ def test_each_room_of_core_imports_only_those_before_it(room):
     assert [(module, name) for module, name in found if within(name, *later)] == []
 
 
+def test_shapes_know_no_trees_but_their_vectors():
+    found = [(module, name) for module in modules_of("core.shapes") for name in all_imports(module)]
+    of_trees = [(module, name) for module, name in found if within(name, "featherstone_gait.core.tree")]
+    assert of_trees
+    assert [(m, name) for m, name in of_trees if not within(name, "featherstone_gait.core.tree.spatial")] == []
+
+
 def test_search_knows_no_physics():
     found = [(module, name) for module in modules_of("search") for name in all_imports(module)]
     known = [(module, name) for module, name in found if within(name, "featherstone_gait", "numba")]
@@ -143,6 +150,24 @@ def test_imports_make_no_circle():
     }
     assert any(graph.values())
     TopologicalSorter(graph).prepare()  # raises CycleError, which names a circle
+
+
+def test_rooms_make_no_circle():
+    """Between folders of the package, imports for type checkers included."""
+    graph = {}
+    for name in MODULES:
+        rooms = [x.split(".")[1] for x in all_imports(name) if x.startswith("featherstone_gait.") and room_of(x)]
+        graph.setdefault(room_of(name), set()).update({*rooms} - {room_of(name)})
+    del graph[""]
+    assert len(graph) > 15
+    assert {"dynamics", "geometry"} < graph["scene"]
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names a circle
+
+
+def room_of(name):
+    """The folder of the package in which a module or a name of it is, "" of the package itself."""
+    part = name.split(".")[1] if "." in name else ""
+    return part if (PACKAGE / part / "__init__.py").is_file() else ""
 
 
 # 16 as of `solve_ivp`

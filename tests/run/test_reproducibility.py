@@ -11,9 +11,9 @@ from featherstone_gait.core.compile.lanes import WIDTH, aligned
 from featherstone_gait.core.tree.batch import aba_lanes, rnea_lanes
 from featherstone_gait.core.tree.layout import Motion, Robot
 from featherstone_gait.dynamics import forward_dynamics, inverse_dynamics
+from featherstone_gait.dynamics.tree import GRAVITY, compile_tree
 from featherstone_gait.model import Joint, Link, Model
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.scene.tree import GRAVITY, compile_tree
 
 FUNCTIONS = [forward_dynamics, inverse_dynamics]
 COUNT = 64
@@ -70,10 +70,9 @@ def lanes_of(kernel, model, states):
     base, out = aligned((1, 6, WIDTH)), aligned((1, tree.n, WIDTH))
     robot = Robot(tree.bodies, None, np.array(GRAVITY))
     if kernel is aba_lanes:
-        given = (Motion(*bases[:2], None, *joints[:2], None), bases[2], joints[2])
+        kernel(robot, Motion(*bases[:2], None, *joints[:2], None), bases[2], joints[2], None, (work, None), base, out, None)
     else:
-        given = (Motion(*bases, *joints),)
-    kernel(robot, *given, None, work, base, out)
+        kernel(robot, Motion(*bases, *joints), None, work, base, out)
     return np.ascontiguousarray(np.concatenate([base[0], out[0]]).T)
 
 

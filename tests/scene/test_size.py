@@ -19,7 +19,8 @@ from featherstone_gait.robot_file.scene import load_scene
 from featherstone_gait.run.start import initial_state
 from featherstone_gait.scene import pairs as pairs_module
 from featherstone_gait.scene.compile import compile_scene
-from featherstone_gait.scene.pairs import _chosen, _parts
+from featherstone_gait.scene.pair_choice import chosen_pairs
+from featherstone_gait.scene.solids import parts_of
 
 pytestmark = pytest.mark.nojit
 TWICE = 2.3  # n log n of these sizes, with a margin for what does not grow
@@ -145,12 +146,12 @@ def test_pairs_are_those_of_two_loops_in_their_order():
     robot = Model("arm", arm.links, arm.joints, shapes=shapes)
     members = [Placed(robot, "one"), *grid(4, "floating"), Placed(robot, "two", (3.0, 0.0, 0.0))]
     scene = compile_scene(SceneModel("s", members, grid(5, "fixed"), Ground(), pairs="all"))
-    parts = _parts(scene.members, scene.obstacles, scene.tree, scene.ground)
+    parts = parts_of(scene.members, scene.obstacles, scene.tree, scene.ground)
     names = [*dict.fromkeys(solid.link for solid in parts.solids)]
     excluded = [(draw.choice(names), draw.choice(names)) for _ in range(12)]
-    found = _chosen(parts, PairContact("all"), excluded)
+    found = chosen_pairs(parts, PairContact("all"), excluded)
     assert found.tolist() == [list(pair) for pair in naive(parts.solids, parts.meeting, excluded)]
-    assert 0 < len(found) < len(_chosen(parts, PairContact("all"), []))
+    assert 0 < len(found) < len(chosen_pairs(parts, PairContact("all"), []))
 
 
 def test_too_many_pairs_are_refused_before_they_are_listed(monkeypatch):

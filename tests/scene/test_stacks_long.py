@@ -8,7 +8,7 @@ from touching import G, obstacle, placed, touching
 
 from featherstone_gait.model.shapes import Box
 from featherstone_gait.run.simulate import simulate
-from featherstone_gait.scene.compile import FREE
+from featherstone_gait.scene.tolerances import FREE
 
 pytestmark = pytest.mark.long
 

@@ -9,8 +9,8 @@ import math
 import mujoco
 import numpy as np
 
+from featherstone_gait.dynamics.tree import GRAVITY
 from featherstone_gait.model import Model
-from featherstone_gait.scene.tree import GRAVITY
 
 FLAGS = mujoco.mjtDisableBit
 DISABLED = FLAGS.mjDSBL_CONTACT | FLAGS.mjDSBL_CONSTRAINT | FLAGS.mjDSBL_LIMIT | FLAGS.mjDSBL_FRICTIONLOSS

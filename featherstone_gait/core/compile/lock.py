@@ -3,7 +3,7 @@
 import os
 import weakref
 
-FAR = 1 << 40  # Windows locks bytes, and others could not read them: one beyond the end of any file
+LOCKED_BYTE = 1 << 40  # Windows locks bytes, and others could not read them: one beyond the end of any file
 
 
 def lock(file, wait=False) -> bool:
@@ -26,7 +26,7 @@ def _lock(file, wait):
     except ImportError:  # Windows
         import msvcrt
 
-        file.seek(FAR)
+        file.seek(LOCKED_BYTE)
         msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
     else:
         fcntl.flock(file, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -11,6 +11,7 @@ place.  With the JIT off a structure is the NamedTuple that it looks like.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from typing import TypeVar
 
 import llvmlite.ir as ir
@@ -39,6 +40,14 @@ def structure(cls: type[T]) -> type[T]:
 def record(**fields) -> np.dtype:
     """Return the dtype of records of these fields: `float`, `int`, or one of these and a number of them."""
     return np.dtype(list(fields.items()), align=True)
+
+
+def replacing(cls: type, *names: str) -> Callable:
+    """Make a function f(x, *values) that returns a copy of the structure x with these fields replaced, for `inline`."""
+    fields = ", ".join(name if name in names else f"_x.{name}" for name in cls._fields)  # no field begins so
+    scope = {"__name__": cls.__module__, "made": cls}
+    exec(f"def with_{'_'.join(names)}(_x, {', '.join(names)}): return made({fields})", scope)
+    return scope[f"with_{'_'.join(names)}"]
 
 
 class StructureType(types.Type):

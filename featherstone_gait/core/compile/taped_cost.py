@@ -27,7 +27,7 @@ from .taped import (
     value_of,
 )
 
-ENTRIES, MOST = 2**16, 2**21 - 2  # of a tape at first, and at most
+FIRST_ENTRIES, MOST_ENTRIES = 2**16, 2**21 - 2  # of a tape at first, and at most
 
 
 def _of_one(functions, change):
@@ -163,7 +163,7 @@ class TapedFunction:
     """
 
     def __init__(self, function, taped):
-        self.taped, self.entries, self.call = taped, ENTRIES, None
+        self.taped, self.entries, self.call = taped, FIRST_ENTRIES, None
         if JIT:
             inner = checked(function)
             names = [f"a{k}" for k in range(len(taped))]
@@ -178,10 +178,10 @@ class TapedFunction:
             raise NotImplementedError("derivatives of costs need compiled kernels: unset NUMBA_DISABLE_JIT")
         while True:
             total = sum(array.size for array in arrays)
-            if total + self.entries > MOST:
+            if total + self.entries > MOST_ENTRIES:
                 raise ValueError(
                     f"cost: it takes {total} numbers and more than {self.entries // 4} operations; both together may "
-                    f"be {MOST}: record fewer channels, or less often"
+                    f"be {MOST_ENTRIES}: record fewer channels, or less often"
                 )
             tape = Tape(self.entries + total)
             given, firsts = [], []

@@ -10,7 +10,8 @@ Both are gradients of convex functions as long as mu f_n is that of the last ste
 Newton's iteration safe.  Forces and velocities are in the ground's axes (normal, first, second tangent).
 
 What touches is a point, or of a sphere or a circle the point that lies deepest (`touch.py`), against a plane with steps
-or a height field (`ground.py`).  The functions that a step calls take a `Contact`, or None for a scene without ground.
+or a height field (`shapes/ground.py`).  The functions that a step calls take a `Contact`, or None for a scene without
+ground.
 """
 
 from typing import NamedTuple
@@ -22,12 +23,13 @@ from ..compile.lanes import any_lane, select, sqrt
 from ..compile.optional import if_present
 from ..compile.structure import record, structure
 from ..compile.taped import constant
+from ..shapes.ground import fixed_axes, height_over
 from ..tree.forest import base_index, base_of, joint_count, points_of
 from ..tree.layout import SF, SH, SJ, SM, TOUCH, R, U, V
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import add, cross, dot, load3, load9, rotate, scale, store3, sub, vector
-from .ground import AXES, axes_at, deepest, fixed_axes, height_over
 from .surface import add_drive_work, surface_motion
+from .touch import AXES, axes_at, deepest
 
 POINT = record(
     body=int,  # row of the body; points of a body stand together
@@ -68,7 +70,7 @@ class Contact(NamedTuple):
     """Contact points, the ground, and the shapes about the points."""
 
     points: np.ndarray  # (points,) POINT
-    ground: tuple  # one of the kinds in ground.py
+    ground: tuple  # one of the kinds in shapes/ground.py
     contact_geometry: tuple | None  # one of the kinds in touch.py; None where all are points
     motion: np.ndarray | None = None  # (1,) MOTION of a ground whose surface moves
     rollers: np.ndarray | None = None  # (points,) ROLLER

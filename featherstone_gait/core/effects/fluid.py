@@ -24,8 +24,8 @@ import numpy as np
 from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import select, sqrt
 from ..compile.structure import record, structure
+from ..shapes.immersion import TINY, immersed
 from ..tree.forest import base_index, base_of, joint_count
-from ..tree.immersion import TINY, immersed
 from ..tree.layout import SF, SH, SJ, SM, TOUCH, A, R, U, V
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import (

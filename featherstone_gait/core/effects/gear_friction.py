@@ -45,7 +45,8 @@ GEAR_FRICTION = record(
 BLEND = 0.5  # of |t_e| + |t_m|, on either side of their equality: from a third of the other to three times
 PASSES = 4  # a straight piece each, and one for the quadratic terms
 LOCKED = 1e4  # [N m] of a gear that no load drives backwards
-MOST = 0.95  # of K_e + S K_es while a gear slides: driven, it would jam, and the step have no solution or several
+# Of K_e + S K_es at most, while a gear slides: driven, it would jam, and the step have no solution or several.
+JAMMING_SHARE = 0.95
 FLATTEST = 1e-9  # slope below which a budget outgrows what it opposes
 SLOWEST = 1e-200  # of stribeck_speed, below which a speed counts as none
 
@@ -80,9 +81,10 @@ def gear_friction(f, S, x, t_m, b):
     r, by_m, by_b = _straight(f, S, side, t_m, b)
     grows = f.external_load_friction + S * f.stribeck_external_load
     curved = f.quadratic_external_load + f.quadratic_motor_load + f.load_product_friction
-    iterated = (grows > MOST) | (curved > 0.0 * one)
+    iterated = (grows > JAMMING_SHARE) | (curved > 0.0 * one)
     if any_lane(iterated):
-        E = select((abs(x) >= 1.0) & (grows > MOST), MOST / select(grows > MOST, grows, one), one)
+        jams = grows > JAMMING_SHARE
+        E = select((abs(x) >= 1.0) & jams, JAMMING_SHARE / select(jams, grows, one), one)
         r_, by_m_, by_b_ = _opposing(f, S, E, side, t_m, b)
         r, by_m, by_b = select(iterated, r_, r), select(iterated, by_m_, by_m), select(iterated, by_b_, by_b)
     return abs(x) * r, side * r, abs(x) * by_m, abs(x) * by_b

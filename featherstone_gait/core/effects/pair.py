@@ -19,11 +19,11 @@ from ..compile.optional import if_present
 from ..compile.outside import call_entry
 from ..compile.structure import record, structure
 from ..compile.taped import noting, value_of
-from ..tree.distance import HALF_SPACE, Shapes
+from ..shapes.distance import HALF_SPACE, Shapes
+from ..shapes.separation import gap_at_least
 from ..tree.forest import joint_count
 from ..tree.layout import SF, TOUCH, R, U, V
 from ..tree.rigid_body import center_velocity, point_position
-from ..tree.separation import gap_at_least
 from ..tree.spatial import (
     add,
     compose,
@@ -63,8 +63,8 @@ from .contact import (
     solve_point,
     velocity_at,
 )
-from .ground import AXES
 from .surface import add_drive_work, surface_motion
+from .touch import AXES
 
 PAIR = record(
     a=int,  # row of the shape in the table of `Shapes`
@@ -137,7 +137,7 @@ class Pool(NamedTuple):
     shared: np.ndarray  # (trees,) scratch
     # The narrow phase, one lane after the other, and the exchange of slots.
     manifold: np.ndarray  # (8, 8)
-    bench: tuple  # Bench of manifold.py
+    bench: tuple  # Bench of shapes/patch.py
     placing: np.ndarray  # (4, 12) rotation and center [m] of two shapes by lane; way between trees, gap; 1: is near
     poses: np.ndarray  # (2, 12) rotation and center [m] of two shapes
     narrow: int  # address of `contacts_at`, which is compiled once for all kinds of scenes

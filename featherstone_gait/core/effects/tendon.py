@@ -24,6 +24,7 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import select, sign_beyond, sqrt
 from ..compile.optional import any_present, if_present, item, plus_item
 from ..compile.structure import record, structure
+from ..shapes.wrap import own_frame, way_around
 from ..tree.forest import LARGEST, base_index, rows_of, tendons_of
 from ..tree.layout import A, P, R, U, V
 from ..tree.rigid_body import point_position
@@ -56,7 +57,6 @@ from ..tree.spatial import (
     sub,
     vector,
 )
-from ..tree.wrap import own_frame, way_around
 from .ball_spring import rotation_vector
 from .contact import FLOOR, shifted
 from .friction import ROUNDING, STEEP, STEEPEST, direction_from, snapped_from, stops_at_once

@@ -48,7 +48,7 @@ EXPLICIT = np.array([[0.0, 0.0, 0.0], [G, 0.0, 0.0], [NODES[2] - A32, A32, 0.0],
 # Weights without effect on 1 and t that make 1/6 of t^2, of least size: h^3 y''' / 12 of a smooth y'.  As numbers,
 # since the last bits of a linear system's solution depend on the processor.
 ERROR = np.array([0.33060998456247276, -0.4442419286503062, -0.28361458098566894, 0.3972465250735038])
-SAFETY, LEAST, MOST = 0.85, 0.2, 4.0  # of the step's factor
+SAFETY, LEAST_FACTOR, LARGEST_FACTOR = 0.85, 0.2, 4.0  # of the step's factor
 AFTER_EVENT = COLUMNS  # in the pace: the step to try after an event [s]
 POSITION_SHARE = 1e-3  # [s] of the tolerance of speeds, that positions are held to, whatever their size
 NEWTON_SHARE = 1e-2  # of the tolerance, that Newton's iteration may leave of the forces
@@ -106,8 +106,9 @@ def ars343(work, run, y, t, length):
         if error <= 1.0:
             _finish(run, y, h)
             factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (1.0 / 3.0 - 0.2 * BETA))
-            most = 16.0 if run.plan.second_run else MOST  # events hold a second run's steps far below its tolerance
-            factor = max(LEAST, min(1.0 if rejected else most, factor))
+            # Events hold a second run's steps far below its tolerance.
+            most = 16.0 if run.plan.second_run else LARGEST_FACTOR
+            factor = max(LEAST_FACTOR, min(1.0 if rejected else most, factor))
             pace[STEPS] += 1.0
             pace[LAST] = max(error, 1e-4)
             if h < length or factor < 1.0:
@@ -118,7 +119,7 @@ def ars343(work, run, y, t, length):
             return h
         rejected = True
         pace[REJECTED] += 1.0
-        pace[STEP] = h * max(LEAST, min(0.9, SAFETY / root(error, 3)))
+        pace[STEP] = h * max(LEAST_FACTOR, min(0.9, SAFETY / root(error, 3)))
         if not pace[STEP] > run.plan.least_step:
             for i in range(offsets.step_control):
                 y[i] = start[i]

@@ -47,7 +47,7 @@ START = 17  # state at the start of the last step
 STOP = 18  # state at its end, kept while states between are recorded
 COEFFICIENTS = 19  # 4: of the interpolation
 ROWS = 23
-SAFETY, LEAST, MOST = 0.8, 0.333, 6.0  # of the step's factor
+SAFETY, LEAST_FACTOR, LARGEST_FACTOR = 0.8, 0.333, 6.0  # of the step's factor
 BETA = 0.04  # share of the last error in it
 
 
@@ -135,14 +135,14 @@ def dop853(work, run, y, t, length):
         if error <= 1.0:
             pace[STEPS] += 1.0
             factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (0.125 - 0.2 * BETA))
-            factor = max(LEAST, min(1.0 if rejected else MOST, factor))
+            factor = max(LEAST_FACTOR, min(1.0 if rejected else LARGEST_FACTOR, factor))
             pace[LAST] = max(error, 1e-4)
             if h < length or factor < 1.0:
                 pace[STEP] = h * factor
             return h
         rejected = True
         pace[REJECTED] += 1.0
-        pace[STEP] = h * max(LEAST, min(1.0, SAFETY / root(error, 8)))
+        pace[STEP] = h * max(LEAST_FACTOR, min(1.0, SAFETY / root(error, 8)))
         if not pace[STEP] > run.plan.least_step:
             for i in range(n):
                 y[i] = start[i]

@@ -15,12 +15,12 @@ from ..compile.jit import address_of
 from ..effects.contact import SCRATCH as CONTACT_SCRATCH
 from ..effects.pair import COLUMNS as PAIR_SCRATCH
 from ..effects.pair import OLD, SHAPE_POSE, Pool
+from ..shapes.manifold import contacts_at
 from ..step.closure import Closing
 from ..step.context import Scratch
 from ..step.newton import SCRATCH as JOINT_SCRATCH
 from ..step.pool import KEPT, Renewal
 from ..tree.loop import Loops
-from ..tree.manifold import contacts_at
 from ..tree.rows import Rows, make_rows
 
 RTOL = 1e-8  # error allowed of a step, where none is given

@@ -14,42 +14,46 @@ from ..tree.forest import joint_count, joints_of, points_of, tendons_of
 from .context import of_tree
 from .newton import VN, VP, WK, WN, loads, lookahead, place_tendons_at, predict, rotor_speed
 
-TENDONS = 1000000  # weights of tendons come after those of points
-GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, have no sum in common
+
+def branch_count(joints: int, tendons: int, points: int, slots: int) -> int:
+    """Return how many laws have a branch: three of each joint, and one of each tendon, contact point and slot."""
+    return 3 * joints + tendons + points + slots
 
 
 @kernel
-def branches(contact, pairs, step):
-    """Return a number that identifies the branches of the laws at the step's solution."""
-    key = 0.0 * step.Z[VN, 0]
+def note_branches(contact, pairs, step, found):
+    """Fill found (branches,) with numbers of the branches on which the laws are at the step's solution."""
     n = joint_count(step.scene.trees, step.scene.tree)
     for i in range(n):
         v = step.Z[VN, i]
         w = rotor_speed(rotor_of(step.actuator), step.Z, WN, i, v)
-        key = key + _weight(3 * i) * actuator_branch(step.actuator, step, i, v, w)
+        found[3 * i] = actuator_branch(step.actuator, step, i, v, w)
         angle = step.y[step.offsets.q + i]
-        key = key + _weight(3 * i + 1) * stop_branch(step.scene.stops, i, angle, v, step.h_implicit)
-        key = key + _weight(3 * i + 2) * friction_branch(step.scene.friction, step, i, v, w)
-    key = _tendon_branches(step.scene.tendons, step, 3 * n + TENDONS, key)
+        found[3 * i + 1] = stop_branch(step.scene.stops, i, angle, v, step.h_implicit)
+        found[3 * i + 2] = friction_branch(step.scene.friction, step, i, v, w)
+    at = _note_tendons(step.scene.tendons, step, 3 * n, found)
     if contact is not None:
         for c in range(len(contact.points)):
-            key = key + _weight(3 * n + c) * contact_branch(contact, step, c)
+            found[at + c] = contact_branch(contact, step, c)
+        at += len(contact.points)
     if pairs is not None:
+        for c in range(at, len(found)):
+            found[c] = 0.0
         for i in range(step.pool.count[0]):
             c = step.pool.placed[i]
             pair = pairs.pairs[step.pool.pair[c]]
-            key = key + _weight(3 * n + 1000 + c) * pair_branch(pairs.turning, pair, step, c)
-    return key
+            found[at + c] = pair_branch(pairs.turning, pair, step, c)
 
 
 @inline
-def _tendon_branches(tendons, step, first, key):
+def _note_tendons(tendons, step, first, found):
+    """Note the branches of tendons from the index `first` on; return the next index."""
     if tendons is None:
-        return key
+        return first
     for c in range(len(tendons.table)):
         u = step.W[tendons.table[c].row, TENDON_UN]
-        key = key + _weight(first + c) * tendon_branch(tendons, c, step, u)
-    return key
+        found[first + c] = tendon_branch(tendons, c, step, u)
+    return first + len(tendons.table)
 
 
 @friction_branch.of(GearFriction)
@@ -59,8 +63,8 @@ def _and_that_of_loads(friction, step, i, v, w):
 
 
 @kernel
-def branches_at_start(contact, pairs, step):
-    """Return the same for the start of a step of Euler's."""
+def note_branches_at_start(contact, pairs, step, found):
+    """Do the same for the start of a step of Euler's."""
     _begin(step.scene.trees, contact, step)
     if pairs is not None:
         place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
@@ -68,7 +72,7 @@ def branches_at_start(contact, pairs, step):
             c = step.pool.placed[i]
             for k in range(3):
                 step.pool.C[c, UN + k] = step.pool.C[c, U0 + k]
-    return branches(contact, pairs, step)
+    note_branches(contact, pairs, step, found)
 
 
 @inline
@@ -105,9 +109,3 @@ def _hold_tendons(tendons, step):
         for c in range(first, end):
             row = tendons.table[c].row
             step.W[row, TENDON_UN] = step.W[row, TENDON_U0]
-
-
-@inline
-def _weight(k):
-    x = (k + 1) * GOLDEN
-    return x - int(x)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import inline
-from ..compile.structure import structure
+from ..compile.structure import replacing, structure
 from ..effects.firmware import Firmware
 from .signals import Signals
 
@@ -136,33 +136,12 @@ class Step(NamedTuple):
     closing: tuple | None = None
 
 
-@inline
-def of_tree(step, part):
-    """Return the step as that of one of several trees."""
-    return Step(
-        scene=step.scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
-        drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
-        theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=part, rows=step.rows, closing=step.closing,
-    )  # fmt: skip
+of_tree = inline(replacing(Step, "part"))  # (step, part) -> the step as that of one of several trees
+_with_scene = inline(replacing(Step, "scene"))
+_with_tree = inline(replacing(Scene, "tree"))
 
 
 @inline
 def with_bodies(step, tree):
     """Return the step of a scene whose bodies are these."""
-    s = step.scene
-    scene = Scene(
-        tree=tree, floating=s.floating, gravity=s.gravity, actuator=s.actuator, decay=s.decay, armature=s.armature,
-        friction=s.friction, stops=s.stops, contact=s.contact, push=s.push, coupling=s.coupling,
-        firmware=s.firmware, supply=s.supply, joint_springs=s.joint_springs, lifts=s.lifts, trees=s.trees,
-        pairs=s.pairs, balls=s.balls, loops=s.loops, tendons=s.tendons, stiffening=s.stiffening,
-        drag=s.drag, ball_springs=s.ball_springs,
-        fluid=s.fluid, propellers=s.propellers, surfaces=s.surfaces,
-    )  # fmt: skip
-    return Step(
-        scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
-        drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
-        theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=step.part, rows=step.rows,
-        closing=step.closing,
-    )  # fmt: skip
+    return _with_scene(step, _with_tree(step.scene, tree))

@@ -22,11 +22,11 @@ from ..compile.lanes import any_lane, flat, invert, select, sqrt, width_of
 from ..compile.optional import if_present
 from ..compile.structure import structure
 from ..effects.pair import FAR, REACH, SUDDEN, look_in_lane, put_pair, shape_pose, slots_in_use
+from ..shapes.distance import HALF_SPACE
+from ..shapes.separation import gap_at_least
 from ..tree.ball import ball_positions
-from ..tree.distance import HALF_SPACE
 from ..tree.forest import base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import pose_pass
-from ..tree.separation import gap_at_least
 from ..tree.spatial import add, sub
 
 SPENDING = 12.0  # times the way of a pair's shapes in a step: below it the pair is in the pool
@@ -243,7 +243,7 @@ def way_between(pair, ways, row):
 @inline
 def _deal_out(pairs, y, h, run, spending):
     """Give slots to the pairs that are nearer than so many times their way in a step h [s], while there are any."""
-    o, room, width = run.offsets[0], run.renewal, width_of(y)
+    o, room = run.offsets[0], run.renewal
     kept, slots, used, old, going = room.kept, len(room.kept), 0, 0, _goes_on(o, y)
     before = slots_in_use(o, y, slots)
     for c in range(before):
@@ -272,7 +272,7 @@ def _deal_out(pairs, y, h, run, spending):
             if used + pair.slots <= slots:
                 while old < before and not any_lane(kept[old, 0] > k):
                     old += 1
-                _take_over(pairs.turning, k, pair.slots, used, (old, before), kept, o, y, width)
+                _take_over(pairs.turning, k, pair.slots, used, (old, before), kept, o, y)
                 used += pair.slots
         else:
             budget = select(left < budget, left, budget)
@@ -345,9 +345,9 @@ def in_world(tree, r, o, y):
 
 
 @inline
-def _take_over(turning, k, count, used, where, kept, o, y, width):
+def _take_over(turning, k, count, used, where, kept, o, y):
     """Move what the slots of a pair held, in each lane, to those that it has now; it was within the slots `where`."""
-    old, new, (first, end) = flat(kept), flat(y), where
+    old, new, width, (first, end) = flat(kept), flat(y), width_of(y), where
     for j in range(count):
         y[o.pair + used + j] = k + 1.0
         y[o.pair_gap + used + j] = FAR

@@ -25,11 +25,40 @@ from ..effects.tendon import WORKS as TENDON_WORKS
 from .pace import PACE
 
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
-Of = Literal[
-    "base", "ball", "joint", "servo", "rotor", "point", "tree", "run", "profile", "delay", "fed", "source", "slot",
-    "turning", "pairs", "tendon", "loop", "row", "fluid", "immersed", "surface",
-    "rolling",
-]  # fmt: skip
+ALL, NONE = "all", "none"  # of the members of a scene that have a channel
+
+
+class Owner(NamedTuple):
+    """What has the numbers of a channel."""
+
+    what: str
+    share: str = "joints"  # which part of a member it counts with, as in `shares` of a scene; ALL, or NONE
+
+
+OWNERS = {
+    "base": Owner("a floating base", "base"),
+    "ball": Owner("a ball joint", "balls"),
+    "joint": Owner("a joint"),
+    "servo": Owner("a joint with a servo"),
+    "rotor": Owner("a joint with a rotor"),
+    "profile": Owner("a joint whose goal has a profile"),
+    "delay": Owner("a joint whose voltages wait, as often as they do"),
+    "fed": Owner("a joint that the supply feeds"),
+    "source": Owner("the supply", ALL),
+    "run": Owner("the run", ALL),
+    "tree": Owner("a tree", "base"),
+    "point": Owner("a contact point", "points"),
+    "rolling": Owner("a contact point, if any resists rolling", "points"),
+    "slot": Owner("a slot for a point of a pair that touches", NONE),
+    "turning": Owner("a slot, if any pair resists rolling", NONE),
+    "pairs": Owner("all pairs together", NONE),
+    "tendon": Owner("a tendon", "tendons"),
+    "loop": Owner("a loop", "loops"),
+    "row": Owner("a row of a loop", "rows"),
+    "fluid": Owner("a tree in a medium", "base"),
+    "immersed": Owner("a shape in a medium", "immersed"),
+    "surface": Owner("a drive of surfaces", "surfaces"),
+}
 
 
 class Channel(NamedTuple):
@@ -37,11 +66,7 @@ class Channel(NamedTuple):
 
     name: str
     kind: Kind
-    of: Of  # what has it: each floating base, ball joint, joint, joint with a servo or rotor, contact point, tree, the
-    # run, the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do,
-    # each slot for a point of a pair that touches, if any pair resists rolling, all pairs together, each tendon, each
-    # loop, each of its rows, each tree in a medium, each shape in it, each drive of surfaces, and
-    # each contact point, if any resists rolling
+    of: str  # what has it, of OWNERS
     width: int  # numbers each
     unit: str
     what: str
@@ -171,7 +196,7 @@ STATE = np.dtype([(name, np.int64) for name in (*(channel.name for channel in IN
 
 
 def lay_out(counts: dict[str, int]) -> np.recarray:
-    """Return the offsets (1,) STATE of the channels in the state; counts: how many there are of each `Of`."""
+    """Return the offsets (1,) STATE of the channels in the state; counts: how many there are of each of OWNERS."""
     offsets, at, first, after = np.zeros(1, STATE), 0, {}, {}
     for channel in IN_STATE:
         offsets[0][channel.name] = at

@@ -16,10 +16,10 @@ from ..compile.jit import apart, inline
 from ..compile.lanes import sqrt
 from ..compile.optional import if_present
 from ..effects.pair import look_in_lane, put_pair, shape_pose, thickness
+from ..shapes.separation import gap_at_least
 from ..tree.ball import ball_rates, unit_balls
 from ..tree.forest import joint_count, rows_of
 from ..tree.kinematics import quaternion_rate, unit_quaternions
-from ..tree.separation import gap_at_least
 from ..tree.spatial import sub
 from .pool import CHORD, PATH, in_world, pose_all, way_between
 

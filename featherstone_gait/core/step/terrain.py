@@ -11,11 +11,11 @@ from ..compile.jit import inline
 from ..compile.lanes import sqrt
 from ..compile.optional import if_present
 from ..effects.contact import DEPTH, U0
-from ..effects.ground import narrowest
+from ..shapes.ground import narrowest
 from ..tree.layout import V
 
 OF_HEIGHT = 0.4  # way of a point in a step by its height over the ground, along the normal there
-LEAST, MOST = 1.0 / 16.0, 0.5  # of what is narrow, that it may pass at least and at most
+LEAST_SHARE, LARGEST_SHARE = 1.0 / 16.0, 0.5  # of what is narrow, that it may pass at least and at most
 TURN = 0.1  # by which what carries it may turn otherwise [rad]: of an arc 1/800 of the radius lies behind its chord
 
 
@@ -33,7 +33,7 @@ def longest_over(contact, run, y, h, least):
     The speeds of the points are those of the last stage; a wheel that rolls is as fast as the base that it carries.
     """
     (W, C), narrow = last_stage(run.work), narrowest(contact.ground)
-    uneven = LEAST * narrow < 1e200
+    uneven = LEAST_SHARE * narrow < 1e200
     rate, base = 0.0, 0.0
     if uneven:
         base = _fastest_base(run.scene.floating, run, y)
@@ -44,7 +44,7 @@ def longest_over(contact, run, y, h, least):
                 turning = _fastest_turn(run.scene.tree, contact.points[c].body, W, lane) / TURN
                 rate = max(rate, min(turning, speed / max(height, 1e-300)))
             if uneven:
-                rate = max(rate, max(speed, base) / min(max(height, LEAST * narrow), MOST * narrow))
+                rate = max(rate, max(speed, base) / min(max(height, LEAST_SHARE * narrow), LARGEST_SHARE * narrow))
     return max(1.0 / rate, least) if rate * h > 1.0 else 1e300
 
 

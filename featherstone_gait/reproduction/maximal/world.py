@@ -8,14 +8,14 @@ import numpy as np
 
 from ...base.fixed_order import applied
 from ...base.portable_math import exp
-from ...core.effects.ground import Plane
+from ...base.records import filled, records
 from ...core.effects.mipsd_servo import MipsdServo
 from ...core.effects.rigid_servo import RigidServo
+from ...core.shapes.ground import Plane
 from ...core.tree.layout import PRISMATIC
 from ...model import Joint
 from ...model.rigid_bodies import inertia_matrix, turned_inertia
 from ...scene.compile import CompiledScene
-from ...scene.records import filled, records
 from .layout import AXIS, BODY, COLUMNS, ENGINE, JOINT, POINT, ROW, TURN, Engine, Work, World
 from .solve import P1, P2
 

@@ -20,7 +20,7 @@ from .tree import Tree, unused, vector
 from .write_geoms import geom_names
 
 SAME = 1e-9  # by which inertias and places may differ, as a share and [m]
-LEAST = 1e-15  # mjMINVAL, of a mass and of the square of a box's edge
+MINVAL = 1e-15  # mjMINVAL, of a mass and of the square of a box's edge
 FLUID = slice(1, 6)  # of geom_fluid: blunt, slender, angular, Kutta and Magnus
 
 
@@ -36,7 +36,7 @@ def read_immersed(m: Any, tree: Tree, top: int | None = None) -> tuple[Immersed,
     if fluid_of(m) is None:
         return ()
     held = [b for b in range(1, m.nbody) if (tree.holds(m, b) if top is None else m.body_rootid[b] == top)]
-    return tuple(one for b in held if m.body_mass[b] >= LEAST for one in _of_body(m, tree.bodies[b], b))
+    return tuple(one for b in held if m.body_mass[b] >= MINVAL for one in _of_body(m, tree.bodies[b], b))
 
 
 def other_fluid(m: Any) -> Iterator[str]:
@@ -63,7 +63,7 @@ def _of_body(m: Any, link: str, b: int) -> Iterator[Immersed]:
         return
     x, y, z = (float(moment) for moment in m.body_inertia[b])
     squares = [6.0 / float(m.body_mass[b]) * s for s in (y + z - x, x + z - y, x + y - z)]
-    edges = np.array([math.sqrt(max(s, LEAST)) for s in squares])
+    edges = np.array([math.sqrt(max(s, MINVAL)) for s in squares])
     rpy = rpy_from_rotation(rotation_from_quaternion(m.body_iquat[b]))
     yield Immersed(link, Box(vector(edges)), vector(m.body_ipos[b]), rpy, buoyant=False, law="box")
 
@@ -88,7 +88,7 @@ def is_mujocos(model: Model) -> bool:
     for link in model.links:
         own = [one for one in model.immersed if one.link == link.name]
         laws = {one.law for one in own}
-        if link.mass < LEAST:
+        if link.mass < MINVAL:
             if own:
                 return False
         elif laws != {"ellipsoid"} and not (laws == {"box"} and len(own) == 1 and _is_inertia(link, own[0])):

@@ -48,7 +48,7 @@ from .write_geoms import (
 Inertials: TypeAlias = dict[str, list[str]]  # lines by link
 Pose: TypeAlias = tuple[np.ndarray, np.ndarray]  # rotation (3, 3) and origin (3,) [m]
 
-LEAST = 1e-15  # mass and moments of inertia of what moves [kg, kg m^2]
+LEAST_INERTIA = 1e-15  # mass and moments of inertia of what moves [kg, kg m^2]
 ROUNDING = 1e-13  # of the largest moment, by which moments may miss what is asked
 LEAST_EFFORT = sys.float_info.min  # [N m or N]
 
@@ -359,8 +359,8 @@ def _inertials(model: Model) -> tuple[Inertials, list[str]]:
                 )
             if found is None:
                 remark = "left out the inertia of what never moves, for no body has it"
-            elif np.linalg.eigvalsh(body.inertia)[0] < LEAST:
-                remark = f"moments of inertia raised to {LEAST} kg m^2"
+            elif np.linalg.eigvalsh(body.inertia)[0] < LEAST_INERTIA:
+                remark = f"moments of inertia raised to {LEAST_INERTIA} kg m^2"
             else:
                 remark = "one inertia for all that moves as one with"
             remarks.setdefault(remark, []).append(" and ".join(link.name for link in heavy) or body.links[0])
@@ -371,7 +371,7 @@ def _inertials(model: Model) -> tuple[Inertials, list[str]]:
 def _each(links: list[Link]) -> Inertials | None:
     """Write an inertial for every link; None if one is impossible, or none is large enough to move."""
     inertias = [inertia_matrix(link.inertia) for link in links]
-    if links and max(np.linalg.eigvalsh(J)[0] for J in inertias) < LEAST:
+    if links and max(np.linalg.eigvalsh(J)[0] for J in inertias) < LEAST_INERTIA:
         return None
     lines = {link.name: _inertial(link.mass, link.center_of_mass, J) for link, J in zip(links, inertias)}
     return lines if all(lines.values()) else None
@@ -381,15 +381,15 @@ def _together(body: RigidBody, first: Placement) -> Inertials | None:
     """Write one inertial for all links of a body, at the first of them."""
     back = first.E.T
     center = applied(back, body.center - first.r)
-    line = _inertial(body.mass, center, product(product(back, body.inertia), first.E), LEAST)
+    line = _inertial(body.mass, center, product(product(back, body.inertia), first.E), LEAST_INERTIA)
     return {body.links[0]: line} if line else None
 
 
 def _inertial(mass: float, center: ArrayLike, J: np.ndarray, least: float = 0.0) -> list[str]:
     """Write the element with moments of at least `least`; none for an inertia that no rigid body has."""
     (A, B, C), axes = np.linalg.eigh(J)
-    slack = max(ROUNDING * C, LEAST)
-    if mass < LEAST or A < -slack or A + B < C - slack:
+    slack = max(ROUNDING * C, LEAST_INERTIA)
+    if mass < LEAST_INERTIA or A < -slack or A + B < C - slack:
         return []
     A, B = max(A, least), max(B, least)
     axes = axes * (1.0, 1.0, np.sign(np.linalg.det(axes)))

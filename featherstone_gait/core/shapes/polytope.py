@@ -11,6 +11,7 @@ from math import inf, sqrt
 from ..compile.jit import kernel
 from ..compile.lanes import clamp
 from ..compile.optional import if_present
+from ..tree.spatial import add, cross, dot, load3, rotate, rotate_back, scale, sub, vector
 from .closest import closest_on_lines, nearest_points, put_lines
 from .patch import (
     NEAREST,
@@ -36,7 +37,6 @@ from .patch import (
     with_nearest,
     write_row,
 )
-from .spatial import add, cross, dot, load3, rotate, rotate_back, scale, sub, vector
 
 
 @if_present(0)

@@ -1,31 +1,32 @@
 """Contact manifolds: up to eight points at which two convex shapes touch, or will soon.
 
 Spheres and capsules have the closest points, a half space the vertices, ends and rims that lie in it, polytopes
-(polytope_contact.py) and cylinders (cylinder_contact.py) the ends of the patch in which they touch, and height fields
-(field_contact.py) corners, edges and nodes.
+(polytope.py) and cylinders (cylinder.py) the ends of the patch in which they touch, and height fields
+(field.py) corners, edges and nodes.
 """
 
 from math import inf, sqrt
 
 from ..compile.jit import entry, kernel
 from ..compile.lanes import clamp
+from ..tree.spatial import compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
 from .closest import capsules
-from .cylinder_contact import cylinder_points, rim_rows
+from .cylinder import cylinder_points, rim_rows
 from .distance import BOX, CYLINDER, FIELD, HALF_SPACE, POINT, SEGMENT, TOUCH, column, place
-from .field_contact import field_points
+from .field import field_points
 from .patch import Pair, keep_deep, put_nearest, put_rows, unit, up, write_row
-from .polytope_contact import polytope_points
-from .spatial import compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
+from .polytope import polytope_points
 
 
 @kernel
-def contact_points(a, b, Ea, ra, Eb, rb, shapes, margin, bench, out):
+def contact_points(a, b, pose_a, pose_b, shapes, margin, bench, out):
     """Fill out (8, 8) with the points where shapes a and b (SHAPE) touch; return their count.
 
-    Ea, Eb (9): rotations shape -> common frame; ra, rb (3): centers in it [m].  A row of out: position midway between
+    pose_a, pose_b: rotation shape -> common frame (9) and center in it (3) [m].  A row of out: position midway between
     the surfaces (3) [m], unit normal from b to a (3), depth [m], negative where there is a gap, and feature, a whole
     number below 2**20 that stays while the same features touch.  Points whose depth is above -margin [m] are given.
     """
+    (Ea, ra), (Eb, rb) = pose_a, pose_b
     if a.kind == POINT and b.kind == POINT:
         return _spheres(a, b, ra, rb, margin, out)
     swapped = a.kind > b.kind
@@ -182,21 +183,20 @@ def _corner(shapes, b, k):
 @entry
 def contacts_at(shapes, i, j, poses, margin, bench, out):
     """Do as `contact_points` with rows i and j of the table; poses (2, 12): rotation and center of each."""
-    Ea, ra, Eb, rb = load9(poses, 0, 0), load3(poses, 0, 9), load9(poses, 1, 0), load3(poses, 1, 9)
-    return contact_points(shapes.table[i], shapes.table[j], Ea, ra, Eb, rb, shapes, margin, bench, out)
+    a, b = (load9(poses, 0, 0), load3(poses, 0, 9)), (load9(poses, 1, 0), load3(poses, 1, 9))
+    return contact_points(shapes.table[i], shapes.table[j], a, b, shapes, margin, bench, out)
 
 
 @entry
-def pair_contacts(shapes, room, bench, pairs, margin, rotation, position, out, counts):
+def pair_contacts(shapes, room, bench, pairs, margin, poses, out, counts):
     """Fill out (pairs, 8, 8) and counts (pairs,) with the contact points of every pair (pairs, 2) of shapes.
 
-    rotation (links, 3, 3) and position (links, 3) [m] of the links in the world; points whose depth is above -margin
-    [m] are given.
+    poses: rotation (links, 3, 3) and position (links, 3) [m] of the links in the world; points whose depth is above
+    -margin [m] are given.
     """
+    rotation, position = poses
     place(shapes, room, rotation, position)
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
-        counts[k] = contact_points(
-            shapes.table[i], shapes.table[j], load9(room.E, i, 0), load3(room.r, i, 0), load9(room.E, j, 0),
-            load3(room.r, j, 0), shapes, margin, bench, out[k],
-        )  # fmt: skip
+        a, b = (load9(room.E, i, 0), load3(room.r, i, 0)), (load9(room.E, j, 0), load3(room.r, j, 0))
+        counts[k] = contact_points(shapes.table[i], shapes.table[j], a, b, shapes, margin, bench, out[k])

@@ -8,9 +8,9 @@ from math import sqrt
 
 from ..compile.jit import kernel
 from ..compile.lanes import clamp
+from ..tree.spatial import add, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
 from .distance import GAP, PASSES, TOUCH, column, keep_rows, nearest_in_simplex, on_edge, support
 from .patch import PARALLEL, SHORT, TINY, lessened, put, unit, up
-from .spatial import add, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
 
 
 @kernel

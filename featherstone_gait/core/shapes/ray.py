@@ -11,31 +11,31 @@ along the ray.
 from math import inf, sqrt
 
 from ..compile.jit import entry, kernel
+from ..tree.spatial import add, cross, dot, load9, scale, sub, vector
 from .distance import BOX, CYLINDER, FIELD, HALF_SPACE, POINT, SEGMENT, place
-from .spatial import add, cross, dot, load9, scale, sub, vector
 
 X, Y, Z, DX, DY, DZ, FIRST, LAST = range(8)  # of a ray: origin, unit direction, piece in the shape at hand [m]
-LEAST = 1e-300  # of a denominator; a smaller one is parallel
+LEAST_DENOMINATOR = 1e-300  # of a denominator; a smaller one is parallel
 
 
 @entry
-def cast_rays(shapes, room, rotation, position, carrier, hidden, mounted, reach, rays, out):
+def cast_rays(shapes, room, poses, carrier, mounted, reach, rays, out):
     """Fill out (n, rays) with the distance [m] along each ray to the first shape in n postures, inf beyond `reach`.
 
     A ray that begins within a shape has 0.
 
-    rotation (n, links, 3, 3) and position (n, links, 3) [m] of the links in the world; carrier: the link that carries
-    the rays; hidden: the link whose shapes are transparent, or -1; mounted (rays, 6): origin [m] and unit direction in
-    the frame of the carrier; rays (2, 8, rays): room to work in, of rays in the world and in a shape's frame.
+    poses: rotation (n, links, 3, 3) and position (n, links, 3) [m] of the links in the world; carrier: the link that
+    carries the rays; mounted (rays, 6): origin [m] and unit direction in the frame of the carrier; rays (2, 8, rays):
+    room to work in, of rays in the world and in a shape's frame.
     """
+    rotation, position = poses
     for n in range(len(out)):
         place(shapes, room, rotation[n], position[n])
         _put(rotation[n, carrier], position[n, carrier], mounted, rays[0])
         for k in range(len(mounted)):
             out[n, k] = inf
         for i in range(len(shapes.table)):
-            if shapes.table[i].link != hidden:
-                _meet(shapes, i, room, reach, rays, out[n])
+            _meet(shapes, i, room, reach, rays, out[n])
         for k in range(len(mounted)):
             if out[n, k] > reach:
                 out[n, k] = inf
@@ -135,7 +135,7 @@ def _behind(normal, distance, ray):
     for k in range(ray.shape[1]):
         speed = normal[0] * ray[DX, k] + normal[1] * ray[DY, k] + normal[2] * ray[DZ, k]
         room = distance - (normal[0] * ray[X, k] + normal[1] * ray[Y, k] + normal[2] * ray[Z, k])
-        along = abs(speed) < LEAST
+        along = abs(speed) < LEAST_DENOMINATOR
         at = room / (1.0 if along else speed)
         first, last = ray[FIRST, k], ray[LAST, k]
         enters = at if (speed < 0.0) & (at > first) else first
@@ -164,7 +164,7 @@ def _cylinder(half, radius, ray):
     for k in range(ray.shape[1]):
         x, y, dx, dy = ray[X, k], ray[Y, k], ray[DX, k], ray[DY, k]
         square = dx * dx + dy * dy
-        along = square < LEAST
+        along = square < LEAST_DENOMINATOR
         middle = -(x * dx + y * dy) / (1.0 if along else square)
         middle = 0.0 if along else middle
         x, y = x + middle * dx, y + middle * dy
@@ -189,7 +189,7 @@ def _between(axis, half, ray):
     """Keep what of the pieces is less than `half` from the origin along an axis."""
     for k in range(ray.shape[1]):
         x, dx = ray[axis, k], ray[DX + axis, k]
-        along = abs(dx) < LEAST
+        along = abs(dx) < LEAST_DENOMINATOR
         inverse = 1.0 / (1.0 if along else dx)
         one, other = (-half - x) * inverse, (half - x) * inverse
         enters, leaves = (one, other) if one < other else (other, one)
@@ -254,7 +254,7 @@ def _cell_of(u, du, at, nodes):
 @kernel
 def _leaving(u, du, i):
     """Return the distance at which a ray leaves cell i along one axis."""
-    if abs(du) < LEAST:
+    if abs(du) < LEAST_DENOMINATOR:
         return inf
     return ((i + 1.0 if du > 0.0 else i) - u) / du
 
@@ -265,7 +265,7 @@ def _below_cell(shapes, field, ray, k, i, j, begin, end):
     origin, along = (ray[X, k], ray[Y, k], ray[Z, k]), (ray[DX, k], ray[DY, k], ray[DZ, k])
     u, du = _across(field, 0, origin[0], along[0])
     v, dv = _across(field, 1, origin[1], along[1])
-    crossing = ((v - j) - (u - i)) / (du - dv) if abs(du - dv) > LEAST else inf  # of the diagonal
+    crossing = ((v - j) - (u - i)) / (du - dv) if abs(du - dv) > LEAST_DENOMINATOR else inf  # of the diagonal
     middle = min(max(crossing, begin), end)
     for start, stop in ((begin, middle), (middle, end)):
         at = 0.5 * (start + stop)

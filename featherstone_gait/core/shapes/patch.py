@@ -11,10 +11,10 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.structure import structure
+from ..tree.spatial import add, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
 from .distance import column
-from .spatial import add, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
 
-MOST = 8  # points
+MOST_POINTS = 8  # points
 PARALLEL = 1e-3  # sine of the angle beyond which two lines, or a line and a face, touch in one point
 SHORT = 0.1  # of the shorter one's half length: two lines that run beside each other for less come to one point
 SAME = 1e-9  # relative to the sizes: a difference of lengths that decides nothing
@@ -33,7 +33,7 @@ class Bench(NamedTuple):
     rows: np.ndarray  # (2, 2 x the most vertices of a shape + 16, 6): point [m], feature, side to the next, depth [m]
     near: np.ndarray | None  # (2, most sides of a shape) of them, int64; None where no shape is a box or a hull
     ends: np.ndarray | None  # (0,); None where no shape is a cylinder
-    field: tuple | None = None  # FieldBench of field_contact.py; None where no shape is a height field
+    field: tuple | None = None  # FieldBench of field.py; None where no shape is a height field
 
 
 @structure
@@ -55,7 +55,7 @@ class Pair(NamedTuple):
 @inline
 def put(pair, out, count, x, n, depth, feature):
     """Give out a point x midway between the surfaces [m] if it is within the margin; return the count of points."""
-    if not depth > -pair.margin or count >= MOST:
+    if not depth > -pair.margin or count >= MOST_POINTS:
         return count
     store3(out, count, 0, add(pair.r, rotate(pair.E, x)))
     store3(out, count, 3, scale(rotate(pair.E, n), pair.side))
@@ -85,21 +85,21 @@ def put_rows(pair, out, P, count, n, first):
 @kernel
 def thin(P, count, m):
     """Keep of more than eight rows the deepest, and those farthest along directions across m; return how many."""
-    if count <= MOST:
+    if count <= MOST_POINTS:
         return count
     t = across(m)
     s = cross(m, t)
     taken = 0
     _swap(P, 0, deepest_row(P, count))
     taken = 1
-    for k in range(MOST):
+    for k in range(MOST_POINTS):
         x, y = _eighth(k)
         far, at = -inf, 0
         for i in range(count):
             height = x * dot(t, load3(P, i, 0)) + y * dot(s, load3(P, i, 0))
             if height > far:
                 far, at = height, i
-        if at >= taken and taken < MOST:
+        if at >= taken and taken < MOST_POINTS:
             _swap(P, taken, at)
             taken += 1
     return taken

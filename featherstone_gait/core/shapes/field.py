@@ -18,12 +18,12 @@ import numpy as np
 from ..compile.jit import kernel
 from ..compile.optional import if_present
 from ..compile.structure import structure
+from ..tree.spatial import add, compose, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
 from .closest import capsules
-from .cylinder_contact import cylinder_points, rim_rows
+from .cylinder import cylinder_points, rim_rows
 from .distance import CYLINDER, HALF_SPACE, POINT, SEGMENT, TOUCH, Shapes
-from .patch import MOST, PARALLEL, Pair, across, lessened, put, unit
-from .polytope_contact import polytope_points
-from .spatial import add, compose, cross, dot, load3, rotate, rotate_back, scale, store3, sub, vector
+from .patch import MOST_POINTS, PARALLEL, Pair, across, lessened, put, unit
+from .polytope import polytope_points
 
 MANY = 64  # points among which the eight are chosen
 CLOSE, LOCAL = 16, 4  # triangles near a ball that are looked at, and points that it keeps
@@ -512,7 +512,7 @@ def _give_out(pair, found, count, out):
             _copy(found, i, left)
             left += 1
     count = left
-    for k in range(MOST):
+    for k in range(MOST_POINTS):
         best, at = -inf, -1
         for i in range(left):
             near = inf

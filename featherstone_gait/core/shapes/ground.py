@@ -1,6 +1,6 @@
 """The ground: a plane that may be tilted and have steps, or a height field.
 
-Each kind says where what can touch is deepest, and the axes there: normal, first and second tangent.
+Each kind gives its axes: normal, first and second tangent; and the height of a point over it.
 
 A height field is bilinear between the nodes of a grid, but for a strip along the lines of the grid in which its slope
 goes over from one cell's to the next's: bilinear interpolation smoothed by a box of the width `BLEND` of a cell.  So
@@ -11,13 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.by_type import NoneType, by_type, overridable
+from ..compile.by_type import by_type
 from ..compile.jit import entry, inline
-from ..compile.lanes import any_lane, clamp, gather, select, sqrt
+from ..compile.lanes import clamp, gather, select, sqrt
 from ..compile.structure import record, structure
 from ..compile.taped import constant
-from ..tree.spatial import add, choose, cross, dot, load3, store3, vector
-from .touch import deepest_point, reach
+from ..tree.spatial import dot, store3, vector
 
 PLANE = record(
     normal=(float, 3),
@@ -37,7 +36,6 @@ GRID = record(
     margin=float,  # what lies higher above the top is far away [m]
 )
 BLEND = 0.25  # of a cell, over which its slope goes over into the next one's
-AXES = 27  # 9 columns of the contacts' scratch (see contact.py): normal, first and second tangent of a field
 _ROUND = 1.5 * 2.0**52  # added and taken away it rounds to an integer
 
 
@@ -72,73 +70,7 @@ fixed_axes.of(Field)(lambda ground: None)
 
 
 @inline
-def axes_at(fixed, c, C):
-    """Return the axes at the contact c, which `deepest` has placed; fixed: those of `fixed_axes`."""
-    if fixed is None:
-        return load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
-    return fixed
-
-
-@by_type
-def deepest(ground, contact_geometry, fixed, c, i, center, base_q, W, C):
-    """Return the deepest point of the contact c of body i, common frame [m], and its depth [m]."""
-
-
-@deepest.of(Plane)
-def _deepest_on_plane(ground, contact_geometry, fixed, c, i, center, base_q, W, C):
-    n, t, _ = fixed
-    x = deepest_point(contact_geometry, c, i, center, n, W)
-    at = _in_world(base_q, x)
-    return x, ground_height(ground, dot(t, at)) - dot(n, at)
-
-
-@deepest.of(Field)
-def _deepest_on_field(ground, contact_geometry, fixed, c, i, center, base_q, W, C):
-    """Return the same on a field; far above its top, where no lane is near, no height is looked up."""
-    grid, up = ground.grid[0], (0.0 * center[0], 0.0 * center[0], 1.0 + 0.0 * center[0])
-    at = _in_world(base_q, center)
-    depth = grid.top - (at[2] - reach(contact_geometry, c))
-    x, n, t = deepest_point(contact_geometry, c, i, center, up, W), up, (up[2], up[0], up[0])
-    near = depth > -grid.margin
-    if any_lane(near):
-        x1, depth1, n1, t1 = _on_facet(contact_geometry, ground, c, i, center, base_q, W)
-        x, n, t = choose(near, x1, x), choose(near, n1, n), choose(near, t1, t)
-        depth = select(near, depth1, depth)
-    store3(C, c, AXES, n)
-    store3(C, c, AXES + 3, t)
-    store3(C, c, AXES + 6, cross(n, t))
-    return x, depth
-
-
-@inline
-def _in_world(base_q, x):
-    if base_q is not None:
-        x = add(x, vector(base_q))
-    return x
-
-
-@overridable
-def _on_facet(contact_geometry, ground, c, i, center, base_q, W):
-    """Return the deepest point, its depth along the normal under it, that normal and the first tangent.
-
-    The ground is taken as its tangent plane under the point that is deepest as seen from the center.
-    """
-    n, _, _ = _facet(ground, _in_world(base_q, center))
-    guess = deepest_point(contact_geometry, c, i, center, n, W)
-    n, t, over = _facet(ground, _in_world(base_q, guess))
-    x = deepest_point(contact_geometry, c, i, center, n, W)
-    away = (x[0] - guess[0], x[1] - guess[1], x[2] - guess[2])
-    return x, -(over * n[2] + dot(n, away)), n, t
-
-
-@_on_facet.of(NoneType)
-def _point_on_facet(contact_geometry, ground, c, i, center, base_q, W):
-    n, t, over = _facet(ground, _in_world(base_q, center))
-    return center, -over * n[2], n, t
-
-
-@inline
-def _facet(field, x):
+def facet(field, x):
     """Return normal and first tangent of the field under the point x, and the height of x above it [m]."""
     h, hx, hy = surface(field, x[0], x[1])
     r = 1.0 / sqrt(1.0 + hx * hx + hy * hy)
@@ -205,7 +137,7 @@ def _over_plane(ground, x):
 
 @height_over.of(Field)
 def _over_field(ground, x):
-    n, _, over = _facet(ground, x)
+    n, _, over = facet(ground, x)
     return over * n[2]
 
 
@@ -232,7 +164,7 @@ def _of_cells(ground):
 def facets(field, points, out):
     """Fill out (k, 7): normal, first tangent and height over the field of each point (k, 3)."""
     for k in range(len(points)):
-        n, t, over = _facet(field, (points[k, 0], points[k, 1], points[k, 2]))
+        n, t, over = facet(field, (points[k, 0], points[k, 1], points[k, 2]))
         store3(out, k, 0, n)
         store3(out, k, 3, t)
         out[k, 6] = over

@@ -22,7 +22,7 @@ import numpy as np
 from ..compile.elementary import angle, sincos
 from ..compile.jit import inline, kernel
 from ..compile.lanes import clamp, select, sqrt
-from .spatial import add, choose, dot, scale, sub
+from ..tree.spatial import add, choose, dot, scale, sub
 
 SPHERE, CYLINDER, CAPSULE, POLYHEDRON = range(4)
 _X, _W = np.polynomial.legendre.leggauss(12)

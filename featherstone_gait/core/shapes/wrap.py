@@ -20,7 +20,7 @@ from ..compile.elementary import PI, angle, sincos
 from ..compile.jit import entry, inline, kernel
 from ..compile.lanes import any_lane, invert, select, sqrt
 from ..compile.structure import record
-from .spatial import cross, dot, scale, vector
+from ..tree.spatial import cross, dot, scale, vector
 
 WRAP = record(
     cylinder=int,  # 1 = of a cylinder, 0 = of a sphere

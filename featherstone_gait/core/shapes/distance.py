@@ -19,7 +19,7 @@ import numpy as np
 
 from ..compile.jit import entry, kernel
 from ..compile.structure import record, structure
-from .spatial import add, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
+from ..tree.spatial import add, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
 
 SHAPE = record(
     link=int,  # index of the link that carries it

@@ -11,6 +11,7 @@ from math import inf, sqrt
 
 from ..compile.jit import kernel
 from ..compile.optional import if_present
+from ..tree.spatial import add, cross, dot, load3, scale, sub, vector
 from .closest import closest_on_lines, common_part, difference_towards, nearest_points, put_lines
 from .distance import CYLINDER, SEGMENT, column
 from .patch import (
@@ -32,8 +33,7 @@ from .patch import (
     with_nearest,
     write_row,
 )
-from .polytope_contact import incident_rows, line_of, moved, side_height
-from .spatial import add, cross, dot, load3, scale, sub, vector
+from .polytope import incident_rows, line_of, moved, side_height
 
 STANDING = 1e-5  # sine of a cylinder's tilt below which its rim points turn towards axes of its own
 EDGE_ON = 0.05  # cosine of the angle of an end and a face beyond which their borders do not cross

@@ -19,14 +19,14 @@ from featherstone_gait.base.fixed_order import applied, product
 from featherstone_gait.base.portable_math import sincos
 from featherstone_gait.base.rotation import rotation_about, rotation_from_rpy, rotation_z_to
 from featherstone_gait.core.compile.elementary import SINCOS_LIMIT
+from featherstone_gait.dynamics.tree import compile_tree
 from featherstone_gait.model import Joint, Model, depth_first, rigid_bodies
 from featherstone_gait.robot_file import load_robot, robot_names, save_robot
-from featherstone_gait.scene.tree import compile_tree
 
 PROGRAM = """
 import hashlib, sys
 import numpy as np
-from featherstone_gait.scene.tree import compile_tree
+from featherstone_gait.dynamics.tree import compile_tree
 from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.robot_file import load_robot
 

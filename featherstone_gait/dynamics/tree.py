@@ -1,4 +1,7 @@
-"""Lay rigid bodies and couplings out in the rows that kernels read; find positions that agree with the couplings."""
+"""Lay rigid bodies, couplings and what bears weight out in the rows that kernels read.
+
+Also find positions that agree with the couplings.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.fixed_order import applied, product
+from ..base.records import fill, records
 from ..base.rotation import dot, rotation_z_to
+from ..core.effects.push import PUSH
+from ..core.shapes.wrap import INSIDE, OUTSIDE, WRAP
 from ..core.tree.coupling import COUPLING
 from ..core.tree.layout import BALL, BALL_AXIS, BODY, COLUMNS, PRISMATIC, REVOLUTE, SCREW
-from ..core.tree.wrap import INSIDE, OUTSIDE, WRAP
 from ..model import Model, Placement, RigidBody, Wrap, rigid_bodies
-from .records import fill, records
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
 KINDS = {"prismatic": PRISMATIC, "screw": SCREW}  # all others turn
@@ -163,6 +167,20 @@ def _build_coupling(model: Model, rows: dict[str, int]) -> np.recarray | None:
         row.leader, row.leader_dof = rows[leader], dof[leader]
         row.multiplier, row.offset = multiplier, offset
     return table if len(table) else None
+
+
+def build_lifts(model: Model, tree: Tree, gravity: np.ndarray) -> np.recarray | None:
+    """Build a PUSH record for each link whose weight is borne, at its center of mass; None if there is none."""
+    borne = [link for link in model.links if link.gravity_compensation * link.mass]
+    if not borne:
+        return None
+    table = records(len(borne), PUSH)
+    for row, link in zip(table, borne):
+        place = tree.placements[link.name]
+        row.body, row.point = place.row, place.r + applied(place.E, np.array(link.center_of_mass))
+        row.force = -(link.gravity_compensation * link.mass) * gravity
+        row.start, row.end = -math.inf, math.inf
+    return table
 
 
 def followed(coupling: np.recarray | None, joints: np.ndarray) -> np.ndarray:

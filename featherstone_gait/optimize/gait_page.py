@@ -16,8 +16,8 @@ from urllib.parse import quote
 import numpy as np
 
 from ..base.files import FilePath
+from ..view.page import Page, render
 from ..walking.feedback import Feedback
-from .page import Page, render
 
 Report = Mapping[str, Any]
 Part = dict[str, Any]  # of a section: a text, a table or a chart

@@ -2,8 +2,8 @@
 
 from ..compile.jit import inline
 from ..compile.lanes import any_lane, select, sqrt
+from ..tree.spatial import dot, rotate_back
 from .distance import HALF_SPACE
-from .spatial import dot, rotate_back
 
 
 @inline
