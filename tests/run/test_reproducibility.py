@@ -70,7 +70,8 @@ def lanes_of(kernel, model, states):
     base, out = aligned((1, 6, WIDTH)), aligned((1, tree.n, WIDTH))
     robot = Robot(tree.bodies, None, np.array(GRAVITY))
     if kernel is aba_lanes:
-        kernel(robot, Motion(*bases[:2], None, *joints[:2], None), bases[2], joints[2], None, (work, None), base, out, None)
+        moving = Motion(*bases[:2], None, *joints[:2], None)
+        kernel(robot, moving, bases[2], joints[2], None, (work, None), base, out, None)
     else:
         kernel(robot, Motion(*bases, *joints), None, work, base, out)
     return np.ascontiguousarray(np.concatenate([base[0], out[0]]).T)
