@@ -17,7 +17,7 @@ from featherstone_gait.model.shapes import Shape, Sphere
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.robot_file.scene import load_scene
 from featherstone_gait.run.start import initial_state
-from featherstone_gait.scene import pairs as pairs_module
+from featherstone_gait.scene import pair_choice
 from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.scene.pair_choice import chosen_pairs
 from featherstone_gait.scene.solids import parts_of
@@ -157,10 +157,10 @@ def test_pairs_are_those_of_two_loops_in_their_order():
 def test_too_many_pairs_are_refused_before_they_are_listed(monkeypatch):
     model = SceneModel("s", grid(20, "floating"), grid(10, "fixed"), pairs="all")
     count = 20 * 19 // 2 + 20 * 10
-    monkeypatch.setattr(pairs_module, "MANY_PAIRS", count - 1)
+    monkeypatch.setattr(pair_choice, "MANY_PAIRS", count - 1)
     with pytest.warns(UserWarning, match=rf"pairs: {count} pairs of shapes may touch each other, .* GB .* names"):
         compile_scene(model)
-    monkeypatch.setattr(pairs_module, "MOST_PAIRS", count - 1)
+    monkeypatch.setattr(pair_choice, "MOST_PAIRS", count - 1)
     with pytest.raises(ValueError, match=rf"pairs: {count} pairs .* at most {count - 1} are taken: give pairs of"):
         compile_scene(model)
     less = SceneModel("s", model.members, model.obstacles, excluded=[("floating0/body", "fixed0/body")], pairs="all")
