@@ -13,6 +13,7 @@ import pytest
 
 from featherstone_gait.core.compile.jit import JIT
 from featherstone_gait.core.compile.varying import Varying
+from featherstone_gait.run import fleet
 from featherstone_gait.run.compiled_run import CompiledRun
 
 LIST = Path(__file__).with_name("kinds.toml")
@@ -53,14 +54,22 @@ def _parts(x, path):
 
 def guard(monkeypatch):
     """Fail quick tests that simulate an unlisted kind, and any test that compiles too large a function."""
-    call = CompiledRun.call
+    call, direct = CompiledRun.call, fleet.direct
 
-    def checked(self, kernel, run, y, out):
+    def check(kernel, run):
         if running and (kind := kind_of(kernel, run)) not in listed().values():
             pytest.fail(_unlisted(kind), pytrace=False)
+
+    def checked(self, kernel, run, y, out):
+        check(kernel, run)
         return call(self, kernel, run, y, out)
 
+    def checked_direct(kernel, run, *arguments):  # of sessions
+        check(kernel, run)
+        return direct(kernel, run, *arguments)
+
     monkeypatch.setattr(CompiledRun, "call", checked)
+    monkeypatch.setattr(fleet, "direct", checked_direct)
     if JIT:
         from featherstone_gait.core.compile.compiler import Whole
 
