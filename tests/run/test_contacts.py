@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from touching import far
 
 from featherstone_gait.analysis.equilibrium import trim
 from featherstone_gait.analysis.linearization import linearize
@@ -32,7 +33,7 @@ def table_and_balls(ground=None):
         Placed(body(Box((0.2, 0.2, 0.2)), BOX, name="box"), position=(0.0, 0.0, 0.6 - 5e-4)),
         Placed(body(Sphere(0.1), ONE, name="one"), position=(0.0, 0.0, 4.0)),
     )
-    return SceneModel("meeting", members, (Placed(table, position=(0.0, 0.0, 0.25)),), ground)
+    return SceneModel("meeting", members, (Placed(table, position=(0.0, 0.0, 0.25)), *far()), ground)
 
 
 def compiled(pairs=LAW, timestep=1e-3, integrator="extrapolation", ground=None):

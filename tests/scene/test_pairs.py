@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import published
 import pytest
+from touching import far
 
 from featherstone_gait.geometry.body import body
 from featherstone_gait.geometry.distance import meeting_shapes
@@ -455,7 +456,7 @@ def test_a_box_that_slides_over_an_edge_rests_with_its_weight_until_it_tips():
     table = obstacle(Box((1.0, 1.0, 0.1)), "table", (0.0, 0.0, -0.05))
     contact = PairContact(penetration=1e-4, friction=friction, load=1.0)
     how = {"pairs": contact, "integrator": "extrapolation", "timestep": 1e-3}
-    scene = compile_scene(SceneModel("edge", [box], [table]), **how)
+    scene = compile_scene(SceneModel("edge", [box], [table, *far()]), **how)
     state = initial_state(scene, None, {"box": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)})
     record = ("base_q", "pair_force", "pair_normal_force", "pair_work")
     run = simulate(scene, 0.4, state, record=record, record_interval=1e-3, estimate_error=False)

@@ -34,7 +34,8 @@ def kind_of(kernel, run):
     for name in ("scene", "signals"):
         words.update(_parts(getattr(run, name), ()))
     words.update(_parts(run.plan.min_height, ("min_height",)))
-    words.update(name for name in ("frames", "renewal") if getattr(run, name) is not None)
+    words.update(_parts(run.renewal, ("renewal",)))
+    words.update(("frames",) if run.frames is not None else ())
     words.update(name for name in ("predicted", "fresh") if getattr(run.work, name, None) is not None)
     return frozenset(words)
 

@@ -9,7 +9,7 @@ from featherstone_gait.geometry.body import body
 from featherstone_gait.model import ContactPoint, FloorLine, Fluid, Ground, Immersed, Joint, Link, Model, Propeller
 from featherstone_gait.model.placed import Placed, SceneModel
 from featherstone_gait.model.sensor import RangeSensor
-from featherstone_gait.model.shapes import Box, Shape, Sphere
+from featherstone_gait.model.shapes import Box, Cylinder, Shape, Sphere
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.simulate import simulate
 from featherstone_gait.run.trajectory import Trajectory
@@ -130,8 +130,8 @@ def test_pictures_of_one_robot_name_the_member_to_take(tmp_path):
 @pytest.fixture(scope="module")
 def pile():
     """A lid on a crate on a table; the scene and its run."""
-    crate = body(Box((0.2, 0.2, 0.2)), 1.0)
-    members = (Placed(crate, "lid", (0.0, 0.0, 0.7 - 1e-3)), Placed(crate, "crate", (0.0, 0.0, 0.5 - 5e-4)))
+    lid, crate = body(Cylinder(0.1, 0.2), 1.0), body(Box((0.2, 0.2, 0.2)), 1.0)
+    members = (Placed(lid, "lid", (0.0, 0.0, 0.7 - 1e-3)), Placed(crate, "crate", (0.0, 0.0, 0.5 - 5e-4)))
     table = body(Box((0.3, 0.3, 0.4)), name="table", base="fixed")
     scene = SceneModel("pile", members, (Placed(table, position=(0.0, 0.0, 0.2)),))
     compiled = compile_scene(scene, None, integrator="extrapolation", pairs="all")
