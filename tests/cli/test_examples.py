@@ -13,7 +13,7 @@ from test_cli import quadruped
 from test_scenes import FILE
 
 from featherstone_gait import cli
-from featherstone_gait.benchmark import precision, speed
+from featherstone_gait.benchmark import precision, scoreboard, speed
 from featherstone_gait.crosscheck import FLOORS
 from featherstone_gait.reproduction import report
 from featherstone_gait.robot_file.source import robots_folder
@@ -85,8 +85,8 @@ def test_an_example_runs(line, folder, monkeypatch, tmp_path):
     for name in [*FLOORS] if "optimize" in line else ():
         if name not in ("10ms_0.9", "20ms_0.9"):
             monkeypatch.delitem(FLOORS, name)
-    for module in (speed, precision):
-        monkeypatch.setattr(module, "run", lambda out, full: None)
+    for module in (speed, precision, scoreboard):
+        monkeypatch.setattr(module, "run", lambda out, full, **how: None)
     monkeypatch.setattr(report, "reproduce", lambda names, source, progress: [])
     monkeypatch.setattr(report, "check", lambda names, source: source)
     with ExitStack() as stack:

@@ -40,6 +40,7 @@ def record(path, servo, mass, length, heads=("time [ms]", "goal_deg", "note", "p
         csv.writer(file).writerows([heads, *zip(*columns)])
 
 
+@pytest.mark.long
 def test_a_servo_of_ones_own_is_found_again(tmp_path, monkeypatch):
     """Without a motor, as a TOML file, from a table in milliseconds and degrees."""
     monkeypatch.chdir(tmp_path)
@@ -64,7 +65,8 @@ def test_a_servo_of_ones_own_is_found_again(tmp_path, monkeypatch):
 )
 def test_what_is_missing_is_said(more, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    record(Path("swing.csv"), Servo(Controller("pd", Kp=3.0)), 0.5, 0.2)
+    rows = [f"{0.01 * k:.2f},0.5,{0.001 * k}" for k in range(120)]
+    Path("swing.csv").write_text("\n".join(["time [s],reference [rad],angle [rad]", *rows]))
     assert cli.main(["identify", "swing.csv", *more.split()]) == 2
     assert capsys.readouterr().out == ""
     assert {path.name for path in tmp_path.iterdir()} == {"swing.csv"}

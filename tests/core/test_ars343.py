@@ -146,6 +146,7 @@ def test_a_stride_by_default_and_to_ten_micrometres():
         assert all(wrong[name].max() < 10.0 * run.error[name].max() for name in wrong)
 
 
+@pytest.mark.long
 def test_a_box_on_the_ground_comes_to_rest_and_bears_its_weight():
     corners = tuple(ContactPoint("box", (x, y, -0.05)) for x in (-0.2, 0.2) for y in (-0.2, 0.2))
     box = Model("box", (Link("box", 1.0, (0.0,) * 3, (0.0142, 0.0, 0.0, 0.0142, 0.0, 0.0267)),), (), "floating",

@@ -8,14 +8,12 @@ from random_tree import random_states, random_tree
 
 from featherstone_gait import (
     Push,
-    Worlds,
     compile_scene,
     energy,
     forward_dynamics,
     forward_kinematics,
     inverse_dynamics,
     simulate,
-    simulate_batch,
 )
 from featherstone_gait.dynamics.tree import GRAVITY
 from featherstone_gait.run.simulate import initial_state
@@ -85,16 +83,3 @@ def test_pushes_come_on_top():
     pushes = [Push(link.name, (0.0, 0.0, link.mass * 9.81), point=link.center_of_mass) for link in model.links]
     run = simulate(scene, 0.1, start, pushes=pushes, record=STATE)
     assert run["base_q"][-1, 2] == pytest.approx(q[2] + 0.5 * 9.81 * 0.1**2, rel=1e-9)
-
-
-@pytest.mark.long
-@pytest.mark.nojit
-def test_eight_worlds_have_the_bits_of_each_alone():
-    scene = compile_scene(borne(0.5), **PLAIN)
-    shares, masses = np.linspace(0.2, 1.0, 8), np.linspace(0.1, 0.2, 8)
-    worlds = Worlds(links={"gravity_compensation": shares, "body3.mass": masses})
-    runs = simulate_batch(scene, 0.01, worlds=worlds, estimate_error=False, record=STATE)
-    for run, own in zip(runs, worlds.scenes(scene)):
-        alone = simulate(own, 0.01, estimate_error=False, record=STATE)
-        for name in STATE:
-            np.testing.assert_array_equal(run[name], alone[name])

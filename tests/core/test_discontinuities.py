@@ -59,7 +59,7 @@ def test_errors_follow_the_tolerance_across_discontinuities():
     assert (found[:, 1:] < 2.0 * np.maximum(found[:, :-1], 0.1 * RTOL[:-1])).all()
 
 
-@pytest.mark.quick("case3-*")
+@pytest.mark.long
 @pytest.mark.parametrize(("case", "most"), [(CASES[2], 2e-4), (CASES[3], 1.5e-3), (CASES[5], 2e-4), (CASES[6], 2e-4)])
 def test_order_3_resolves_limits_of_the_current_and_stops(case, most):
     """By default, where a current that left its limit late made errors of up to 2e-2 rad."""

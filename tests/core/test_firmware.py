@@ -2,9 +2,6 @@
 
 import hashlib
 import math
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -264,24 +261,16 @@ def test_lanes_have_the_bits_of_runs_alone(servos):
         assert_same(run, simulate(one, 0.12, state, path, record=CHANNELS, **ONCE))
 
 
-def digest():
-    """Hash of runs with all of it, one alone and eight in lanes."""
-    scene = arm()
-    starts, paths = moves(9, 0.04)
+@pytest.mark.long
+@pytest.mark.nojit
+def test_the_bits_are_these_compiled_or_not():
+    """With all of it, of a run alone and of eight in lanes."""
+    scene, (starts, paths) = arm(), moves(9, 0.04)
     states = [initial_state(scene, q) for q in starts]
     runs = [simulate(scene, 0.04, states[0], paths[0], record=CHANNELS, **ONCE)]
     runs += simulate_batch(scene, 0.04, states[1:], paths[1:], record=CHANNELS, **ONCE)
     parts = (part.tobytes() for run in runs for part in (run.final, *(run[name] for name in CHANNELS)))
-    return hashlib.sha256(b"".join(parts)).hexdigest()
-
-
-@pytest.mark.long
-def test_compiled_or_not():
-    command = [sys.executable, "-c", "import test_firmware as t; print(t.digest())"]
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == digest()
+    assert hashlib.sha256(b"".join(parts)).hexdigest()[:16] == "dd3face14655aa90"
 
 
 @pytest.mark.nojit

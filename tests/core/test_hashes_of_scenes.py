@@ -137,6 +137,7 @@ def test_a_published_arm_whose_gripper_has_two_loops(tmp_path):
     assert digest(simulate(scene, 0.1, start, closed, **ALONE)) == "218fa2db81106d7c"
 
 
+@pytest.mark.nojit
 def test_an_arm_with_tendons():
     """Tendons on joints and along a path, two that hang from the world, of which one bends around a drum."""
     arm = free_arm("arm7_spatial")

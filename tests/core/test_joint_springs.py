@@ -151,7 +151,6 @@ def test_a_cubic_spring_swings_faster_the_farther_it_goes(integrator, error):
 
 
 @pytest.mark.quick("rk4*")
-@pytest.mark.nojit
 @pytest.mark.parametrize(("integrator", "order"), [("rk4", 4), ("midpoint", 2), ("implicit_euler", 1)])
 def test_order_with_a_nonlinear_spring(integrator, order):
     model, ends = stiffening(1.0, -2.0, 3.0, 0.02), []

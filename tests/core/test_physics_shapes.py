@@ -10,7 +10,7 @@ from scenes import NEVER_FALLEN, G, box, rotations
 from featherstone_gait.dynamics import contact_positions, energy
 from featherstone_gait.model import ContactPoint, Ground, HeightField, Link, Model, stairs
 from featherstone_gait.run.sensors import sole_forces
-from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
+from featherstone_gait.run.simulate import initial_state, simulate
 from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.scene.contact import ground_under, standing_height
 
@@ -225,24 +225,6 @@ def test_a_ball_that_rolls_over_a_field_keeps_its_energy(integrator):
     assert np.abs(run["base_q"][-1, :2] - run["base_q"][0, :2]).max() > 0.1
     after = total[1:] - total[1]  # the first sample has no forces yet
     assert np.abs(after).max() < (1e-4 if integrator == "extrapolation" else 3e-3) * kinetic.max()
-
-
-@pytest.mark.long
-@pytest.mark.bounds
-@pytest.mark.nojit
-def test_many_runs_over_a_field_have_the_bits_of_each_alone():
-    """Some lanes near the ground, some far above, one not a number of cells away."""
-    scene = on(Ground(field=waves(), friction=0.6), wheel())
-    starts = []
-    for k, height in enumerate([0.0, 0.01, 0.3, 5.0, 0.0, 0.05, 100.0, 0.002, 0.0]):
-        q = np.array([0.17 * k - 0.7, 0.1 * k - 0.3, 0.0, 1.0, 0.1 * k, 0.05 * k, -0.02 * k])
-        q[2] = standing_height(scene.model, scene.ground, q) + height
-        starts.append(initial_state(scene, q, [0.5, -0.3, 0.0, 1.0, 2.0, 3.0]))
-    batch = simulate_batch(scene, 0.03, starts, record=CHANNELS)
-    for start, run in zip(starts, batch):
-        alone = simulate(scene, 0.03, start, record=CHANNELS)
-        for name in CHANNELS:
-            assert run[name].tobytes() == alone[name].tobytes()
 
 
 @pytest.mark.parametrize("heading", [0.3, math.pi / 2, -2.0])

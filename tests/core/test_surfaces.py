@@ -101,17 +101,6 @@ def both_turn(integrator, **step):
 
 
 @pytest.mark.long
-def test_boxes_on_turntables_of_other_commands_have_the_same_bits_in_lanes_as_alone():
-    scene = both_turn("implicit_euler", timestep=1e-3)
-    assert scene.surface_drives == ("cube/body", "body/body")
-    starts = [command_surface(scene, initial_state(scene), "body/body", 0.25 * k) for k in range(9)]
-    together = simulate_batch(scene, 0.05, starts, estimate_error=False)
-    for k in (1, 8):
-        assert simulate(scene, 0.05, starts[k], estimate_error=False).final.tobytes() == together[k].final.tobytes()
-    assert together[1].final.tobytes() != together[2].final.tobytes()
-
-
-@pytest.mark.long
 def test_explicit_and_implicit_integrators_agree_on_a_turntable():
     """That holds with friction of spinning too: its drive gives what pairs and friction take."""
     runs = []

@@ -149,7 +149,7 @@ def test_energy_of_a_robot_hung_from_the_world(integrator):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("integrator", ["dop853", "extrapolation", "ars343"])
+@pytest.mark.parametrize("integrator", ["dop853", "ars343"])
 def test_dampers_and_stops_of_a_hung_robot_take_what_its_energy_loses(integrator):
     """Kinetic and potential energy less the work of dampers and stops, to the accuracy of the motion."""
     model = anchored(random_tree(5, 3, base="floating"), damping=3.0)
@@ -267,7 +267,7 @@ def test_error_control_meets_the_motion(integrator, rtol, error):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "ars343"])
+@pytest.mark.parametrize("integrator", ["midpoint", "ars343"])
 def test_a_stiff_tendon_becomes_a_coupling(integrator):
     """At 1 ms, a million times what an explicit step allows: then the joints move as those of a mimic do."""
     tree = random_tree(4, 5)
@@ -289,7 +289,7 @@ def test_a_stiff_tendon_becomes_a_coupling(integrator):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("integrator", ["dop853", "extrapolation", "midpoint"])
+@pytest.mark.parametrize("integrator", ["dop853", "midpoint"])
 def test_a_slack_band_lets_a_disc_swing_freely_within(integrator):
     """A period of it is one of the spring, 2 pi / w, and two ways through the band at full speed."""
     K, speed, J, period = 2.0, 1.5, 0.02, 1.5
@@ -460,8 +460,7 @@ def test_a_tendon_presses_bodies_on_each_other(stiffness):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("base", ["fixed", "floating"])
-@pytest.mark.parametrize(("integrator", "order"), [("midpoint", 2), ("implicit_euler", 1)])
+@pytest.mark.parametrize(("base", "integrator", "order"), [("floating", "midpoint", 2), ("fixed", "implicit_euler", 1)])
 def test_a_loop_stays_closed_while_tendons_pull(base, integrator, order):
     """Slopes of tendons are in the factors in which the forces of loops are found, and in those that close them."""
     model = tied(random_tree(6, 3, base=base))

@@ -350,6 +350,7 @@ def test_a_ball_joint_has_no_servo_and_is_locked_whole():
     assert held.joint_names == ("revolute1",)
 
 
+@pytest.mark.long
 def test_a_session_reads_and_sets_quaternions():
     model = chain(("ball", "revolute"))
     session = Session(compile_scene(model), n=2, observe=("q", "qd"))

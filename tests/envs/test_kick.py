@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from featherstone_gait.envs import Kick, KickVector, Stand, kick_scene
+from featherstone_gait.envs import Kick, Stand, kick_scene
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.session import Session
 from featherstone_gait.run.simulate import simulate
-from featherstone_gait.run.worlds import Worlds
 
 TIMES = np.cumsum([0.0, 0.4, 0.18, 0.16])  # standing, leaning to the left, leg lifted back, kicked [s]
 
@@ -127,29 +126,3 @@ def test_a_session_has_the_bits_of_one_run_and_sees_bodies_that_are_moved_by_han
         assert faster == pushed
         assert seen["pair_deflection"].any() == pushed
     session.close()
-
-
-@pytest.mark.long
-def test_robots_of_a_vector_have_the_bits_of_one_alone(scene):
-    """Also in worlds of other balls, and after an episode that has ended by a goal."""
-    worlds = Worlds(9, links={"ball/body.mass": np.linspace(0.1, 0.5, 9)}, pairs={"friction": np.linspace(0.3, 1.0, 9)})
-    envs = KickVector(scene, 9, scale=1.0, duration=3.0, worlds=worlds)
-    env = Kick(worlds.scenes(scene)[4], scale=1.0, duration=3.0)
-    envs.reset(seed=0)
-    env.reset(seed=4)
-    draw = gymnasium.utils.seeding.np_random(4)[0]
-    draw.integers(9)  # the draw by which a single robot chooses its world
-    env._session.reset(state=env._robots.begin(draw))
-    table = postures(scene.member("robot").model.joint_names)
-    ended = False
-    for k in range(150):
-        action = np.array([np.interp(0.02 * (k + 1), TIMES, column) for column in table.T])
-        every = envs.step(np.tile(action, (9, 1)))
-        one = env.step(action)
-        assert np.array_equal(one[0], every[0][4])
-        assert one[1] == every[1][4]
-        if one[2]:
-            ended = True
-            break
-    assert ended
-    assert one[4]["goal"] == every[4]["goal"][4] == 1.0

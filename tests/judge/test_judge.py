@@ -19,6 +19,7 @@ from featherstone_gait.judge.doubts import draw_worlds
 from featherstone_gait.judge.page import report_of
 from featherstone_gait.judge.run import Timing, _Actuator
 from featherstone_gait.judge.statistics import wilson
+from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.robot_file.source import robots_folder
 from featherstone_gait.scene.contact import plane_axes
 from featherstone_gait.walking.feedback import read_walk
@@ -27,8 +28,8 @@ GAIT = robots_folder() / "humanoid" / "optimized_gait.npz"
 WIDE = {"kind": "uniform", "scale": 0.1}
 DOUBTS = {  # of a kind of scene that other quick tests compile too
     "worlds": {
-        "ground": {"friction": {"kind": "uniform", "scale": 0.3}, "penetration": {"kind": "lognormal", "scale": 1.0}},
-        "servos": {"Kp": WIDE, "voltage_limit": WIDE, "stiffness": WIDE},
+        "ground": {"friction": {"kind": "uniform", "scale": 0.3}, "penetration": {"kind": "lognormal", "scale": 0.3}},
+        "servos": {"Kp": WIDE, "voltage_limit": WIDE, "coulomb_friction": WIDE, "backlash": WIDE},
         "links": {"mass": {"kind": "lognormal", "scale": 0.05}},
         "reference": {"offset": {"kind": "uniform", "scale": 0.01}},
     },
@@ -40,7 +41,8 @@ DOUBTS = {  # of a kind of scene that other quick tests compile too
 
 @pytest.fixture(scope="module")
 def scene():
-    return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
+    model = with_servo(load_robot("humanoid", locked="simplified"), "ax12", backlash=2e-3)
+    return compile_scene(model, "mipsd", Ground(), "midpoint", 1e-3)
 
 
 def leaning(scene, act):
@@ -366,6 +368,7 @@ def test_a_robot_without_ground_servos_or_the_joints_is_refused(scene):
         load_policy(len, scene.model)
 
 
+@pytest.mark.long
 def test_the_command_writes_a_row_for_each_world(tmp_path, monkeypatch, capsys):
     doubts = tmp_path / "few.toml"
     doubts.write_text('[worlds.ground]\nfriction = {kind = "uniform", scale = 0.3}\n', "utf-8")
@@ -389,6 +392,7 @@ def test_the_command_writes_a_row_for_each_world(tmp_path, monkeypatch, capsys):
     assert "--command is '1,2'" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_the_command_compares_servos_in_the_same_worlds(tmp_path, capsys):
     """A servo of the package and one of a file, of the same kind: a set of files for each, and one table."""
     doubts, weak, sheet = tmp_path / "few.toml", tmp_path / "weak.toml", robots_folder() / "servos" / "ax12.toml"

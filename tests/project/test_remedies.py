@@ -35,7 +35,7 @@ from featherstone_gait.study import read_study
 from featherstone_gait.study.settings import SECTIONS as OF_STUDIES
 from featherstone_gait.walking import walker
 
-PACKAGE, ROOT = Path(fg.__file__).parent, Path(__file__).parents[2]
+LONG, PACKAGE, ROOT = pytest.mark.long, Path(fg.__file__).parent, Path(__file__).parents[2]
 
 # ------------------------------------------------------------------------------------------ what the calls name
 
@@ -254,7 +254,7 @@ def read_cases():
         if line[:2] in ("! ", "> "):
             cases[-1][line[0]].append(line[2:])
         elif line and line[0] != "#":
-            cases.append({"call": line, "!": [], ">": [], "marks": [pytest.mark.long] * long})
+            cases.append({"call": line, "!": [], ">": [], "marks": [LONG] * long})
     return cases
 
 
@@ -447,8 +447,8 @@ def test_the_bounds_that_a_message_names_are_taken(check, wrong):
         ("fg.load_robot('arm7', mimic='x')", "fg.load_robot('arm7', mimic={})"),
         ("fg.load_servo('x')", "fg.load_servo({})"),
         ("fg.Controller('x')", "fg.Controller({}, 1.0)"),
-        ("fg.Session(DRIVES, action='x')", "fg.Session(DRIVES, action={}).close()"),
-        ("fg.Session(LIMP, action='x')", "fg.Session(LIMP, action='torque').close()"),
+        pytest.param("fg.Session(DRIVES, action='x')", "fg.Session(DRIVES, action={}).close()", marks=LONG),
+        pytest.param("fg.Session(LIMP, action='x')", "fg.Session(LIMP, action='torque').close()", marks=LONG),
         ("walking.first_gait(WALKER, states='x')", "repr({})"),
         ("fg.compile_scene(ARM, 'x')", "fg.compile_scene(with_servo(STIFF), {})"),
         ("fg.Joint('j', 'x', 'a', 'b')", "fg.Joint('j', {}, 'a', 'b', **OF_TYPE.get({}, {{}}))"),

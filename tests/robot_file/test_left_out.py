@@ -441,7 +441,7 @@ def is_told(before, now, word, tags):
     return (word in told if word else now != before) or named
 
 
-@pytest.mark.quick("urdf", "urdf floating", "simtwo imu")
+@pytest.mark.quick("urdf floating", "simtwo imu")
 @pytest.mark.parametrize("case", XML)
 def test_each_part_of_urdf_and_simtwo_is_read_or_named(case, tmp_path):
     load, text, where = XML[case]

@@ -20,6 +20,7 @@ from featherstone_gait.model.shapes import Shape, Sphere
 
 BY_PAIRS = 'contype="0" conaffinity="0"'
 SOLES = {"sphere": 'type="sphere" size="0.05"', "box": 'type="box" size="0.08 0.05 0.02"'}
+STEPS = {"integrator": "implicit_euler", "timestep": 1e-3}
 HEIGHTS = {"sphere": 0.25, "box": 0.22}  # of the trunk over the floor [m]
 
 
@@ -54,7 +55,7 @@ def load(tmp_path):
 def test_a_foot_that_touches_by_a_pair_rests_at_mujocos_height(load, kind):
     """Balls roll, so that one foot is a ball only where nothing tips: both stand upright within their penetration."""
     text, ground = scene(SOLES[kind]), Ground(penetration=1e-4)
-    run = simulate(compile_scene(load(text, contacts="feet"), ground=ground), 1.0)
+    run = simulate(compile_scene(load(text, contacts="feet"), ground=ground, **STEPS), 1.0)
     m = mujoco.MjModel.from_xml_string(text)
     d = mujoco.MjData(m)
     mujoco.mj_step(m, d, int(1.0 / m.opt.timestep))
@@ -68,7 +69,7 @@ def test_the_friction_of_a_pair_holds_a_foot_up_to_its_angle(load, tilt):
     """At a slope of the tangent t it slides with g cos (t - mu), or not at all."""
     g = 9.81 / math.hypot(1.0, tilt)
     model = load(scene(), contacts="feet")
-    run = simulate(compile_scene(model, ground=Ground(friction=5.0), gravity=(tilt * g, 0.0, -g)), 1.0)
+    run = simulate(compile_scene(model, ground=Ground(friction=5.0), gravity=(tilt * g, 0.0, -g), **STEPS), 1.0)
     speeds = run["base_qd"][:, 0]
     if tilt < 0.4:
         assert abs(speeds[-1]) < 1e-5

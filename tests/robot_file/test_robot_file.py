@@ -122,7 +122,6 @@ CYCLE = CYCLE.replace(
 ROOTLESS = URDF.replace(
     "</robot>", '<joint name="back" type="fixed"><parent link="foot"/><child link="base"/></joint></robot>'
 )
-FLOATING = '<joint name="{0}" type="floating"><parent link="{1}"/><child link="{2}"/></joint></robot>'
 DECLARATION = '<?xml version="1.0"?>\n'
 LIMIT = '<limit lower="-1.5" upper="1.5" effort="2" velocity="6"/>'
 INERTIA = 'ixx="0.002" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.001"'

@@ -51,10 +51,11 @@ SERVOS = {
     "rk4": ("rotor", 2e-4),
     "simtwo": ("rotor", 1e-3),
     "extrapolation": ("rotor", 1e-3),
+    "ars343": ("rotor", 1e-3),
 }
 
 
-@pytest.mark.quick("*-extrapolation", "*-implicit_euler")
+@pytest.mark.quick("*-ars343", "*-implicit_euler")
 @pytest.mark.parametrize("integrator", SERVOS)
 @pytest.mark.parametrize("signal", [moving(), moving("cubic", cyclic=True)], ids=["linear", "cyclic"])
 def test_sampled_servos_with_a_lag_go_on_along_their_reference(integrator, signal):

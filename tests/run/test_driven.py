@@ -54,7 +54,7 @@ def test_a_held_force_is_that_of_one_run_with_the_push(block):
         assert session.state[0].tobytes() == run.final.tobytes()
 
 
-def test_pushes_are_kept_and_refused_where_there_is_none(block, tmp_path):
+def test_pushes_are_kept_and_refused_where_there_is_none(block, scene, tmp_path):
     push = Push("body", force=(3.0, 0.0, 0.0))
     with Session(block, pushes=[Push("body")]) as session, Session(block, pushes=[Push("body")]) as other:
         session.save(tmp_path / "first.npz")
@@ -75,8 +75,8 @@ def test_pushes_are_kept_and_refused_where_there_is_none(block, tmp_path):
         with pytest.raises(ValueError, match="no link"):
             session.set_push(0, Push("nothing"))
         copied.close()
-    with Session(block) as session, pytest.raises(ValueError, match="it has none"):
-        session.set_push(0, push)
+    with Session(scene) as session, pytest.raises(ValueError, match="it has none"):
+        session.set_push(0, Push(scene.model.links[-1].name))
 
 
 def test_pushes_of_each_tick_are_repeated_to_the_same_bits(block):

@@ -24,6 +24,7 @@ from featherstone_gait.benchmark.default_scenes import AX12_LAW
 from featherstone_gait.benchmark.scenes import unlimited
 from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.run.error_estimate import second_run, with_error_estimate
+from featherstone_gait.run.prepare import with_tolerance
 
 ARM = unlimited(load_robot("arm7_spatial"))
 
@@ -187,7 +188,6 @@ def test_a_fixed_step_that_is_wrong_by_a_hundredth_says_so():
 
 
 @pytest.mark.long
-@pytest.mark.nojit
 def test_recorded_energies_that_are_wrong_by_more_than_a_hundredth_say_so():
     """A pendulum loses its energy to damping, dry friction and stops: Euler's step takes 7 % of it."""
     model = pendulum(lower=-0.4, upper=0.4, friction=0.02)
@@ -349,11 +349,9 @@ def test_the_tolerance_takes_another_integrator_only_where_none_is_named():
     arm = load_robot("ax12_arm")
     scene, named = compile_scene(arm, "rotor"), compile_scene(arm, "rotor", integrator="ars343")
     assert simulate(scene, 0.02).info["integrator"] == "ars343"
-    assert simulate(scene, 0.02, rtol=1e-3).info["integrator"] == "ars343"
-    strict = simulate(scene, 0.02, rtol=1e-6).info
-    assert strict["integrator"] == "extrapolation"
-    assert strict["reason"].startswith("extrapolation in place of ars343")
-    assert simulate(named, 0.02, rtol=1e-6).info["integrator"] == "ars343"
+    loose, strict, asked = (with_tolerance(*one, None)[0] for one in ((scene, 1e-3), (scene, 1e-6), (named, 1e-6)))
+    assert (loose.integrator, strict.integrator, asked.integrator) == ("ars343", "extrapolation", "ars343")
+    assert strict.preflight.reason.startswith("extrapolation in place of ars343")
 
 
 @pytest.mark.long

@@ -84,9 +84,8 @@ def test_a_pendulum_that_is_caught_and_let_go_keeps_account_of_its_energy():
     )
     catch = Loop("catch", "connect", "bar2", "frame", (0.5, 0.0, 0.0))
     model = Model("pendulum", (Link("frame"), *bars), joints, loops=(catch,))
-    scene = compile_scene(model)
-    assert scene.integrator == "dop853"
-    plain = {"record": ("q", "qd"), "rtol": 1e-10, **ONCE}
+    scene = compile_scene(model, integrator="rk4", timestep=5e-4)
+    plain = {"record": ("q", "qd"), **ONCE}
     first = simulate(scene, 0.4, initial_state(scene, [0.3, 0.4], open_loops=["catch"]), **plain)
     caught = switch_loop(scene, first, "catch", True, within=math.inf)
     second = simulate(scene, 0.5, caught, **plain)

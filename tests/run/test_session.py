@@ -240,7 +240,7 @@ def test_a_channel_that_is_added_to_the_table_is_observed(monkeypatch):
     monkeypatch.setitem(state.BY_NAME, channel.name, channel)
     state.RECORDABLE += (channel.name,)
     try:
-        seen = Session(servo_arm(), observe=("q", "twice")).observe()
+        seen = Session(servo_arm(delay=0.0), observe=("q", "twice")).observe()
         assert np.array_equal(seen["twice"], 2.0 * seen["q"])
         assert channel.name in channel_table()
     finally:
@@ -308,6 +308,7 @@ def test_copies_files_and_pickles_go_on_alike(tmp_path):
         session.restore(tmp_path / "session.npz")
 
 
+@pytest.mark.long
 def test_a_file_of_another_scene_is_refused(tmp_path):
     """Shapes, names and integrators are the same; a number differs."""
     scene, how = servo_arm(), {"noise": (1e-3, 0.1), "seed": 3}
@@ -331,7 +332,7 @@ def test_a_file_of_another_scene_is_refused(tmp_path):
 
 
 def test_a_file_that_does_not_say_of_which_scene_it_is_is_refused(tmp_path):
-    session = Session(servo_arm(), 2)
+    session = Session(servo_arm(delay=0.0), 2)
     session.save(tmp_path / "session.npz")
     arrays = dict(np.load(tmp_path / "session.npz"))
     del arrays["scene"]

@@ -140,7 +140,7 @@ def test_channels_of_a_floating_robot_on_the_ground():
 
 def test_where_no_channels_are_named_positions_and_velocities_are_recorded():
     """Of a base that floats too, or nobody could show where the robot is; among others that do not, the joints'."""
-    arm, thing = arm_scene(), box_on(Ground(), "ars343", None)
+    arm, thing = arm_scene(), compile_scene(load_robot("humanoid"), "mipsd", Ground())
     recorded = [{*run.channels} - {"time"} for run in (simulate(arm, 0.02), simulate(thing, 0.02))]
     assert recorded == [{"q", "qd"}, {"q", "qd", "base_q", "base_qd"}]
     for run in simulate_batch([arm, thing], 0.02):
@@ -463,7 +463,7 @@ def test_without_gravity_ground_is_as_stiff_as_under_the_weight_on_earth(penetra
     It does after half a period of its springs, pi sqrt(x / g).
     """
     ground = Ground(penetration=penetration, damping_ratio=0.0)
-    scene = compile_scene(box(), ground=ground, integrator="ars343", gravity=(0.0, 0.0, 0.0), **NEVER_FALLEN)
+    scene = compile_scene(box(), None, ground, "rk4", 2e-4, gravity=(0.0, 0.0, 0.0), **NEVER_FALLEN)
     start, how = thrown(scene, 0.1, velocity=(0.0, 0.0, -1.0)), {"record_interval": scene.timestep}
     run = simulate(scene, 0.3, start, record=("base_q", "base_qd"), **how)
     assert run.ok

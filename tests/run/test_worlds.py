@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from scenes import G, along, box, box_on, pendulum, resting
+from scenes import box, box_on
 
 from featherstone_gait import Distribution, Reference, Worlds, compile_scene, load_robot, simulate, simulate_batch
 from featherstone_gait.core.compile.jit import JIT, entry, kernel
@@ -24,6 +24,7 @@ from featherstone_gait.run.simulate import Push, initial_state
 from featherstone_gait.study import read_study, run_study
 from featherstone_gait.study.sensitivity import indices
 from featherstone_gait.study.settings import _shares
+from featherstone_gait.walking.cost_in_worlds import variations
 
 RECORD = ("q", "qd", "energy", "voltage")
 ONCE = {"estimate_error": False}
@@ -177,22 +178,22 @@ def test_scenes_that_do_not_differ_cost_what_they_did():
 # ---------------------------------------------------------------------------------------------- bits
 
 
-@pytest.mark.quick("ground")
+@pytest.mark.quick("a search's")
 @pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize(
     "values",
     [
-        {"ground": {"friction": TENTH}},
+        None,
         {"servos": {"resistance": TENTH, "coulomb_friction": TENTH, "Kp": Distribution("normal", 0.1, shared=True)}},
         {"links": {"mass": TENTH, "inertia": TENTH}, "gravity": [(0.0, 0.1 * k, -9.0 - 0.1 * k) for k in range(11)]},
     ],
-    ids=["ground", "servos", "links and gravity"],
+    ids=["a search's", "servos", "links and gravity"],
 )
 def test_a_lane_has_the_bits_of_its_own_scene(values, humanoid):
     """Eleven runs: lanes are refilled, and idle at the end; with the JIT off few enough not to take long."""
-    scene, duration = humanoid if "ground" in values else arm(), 0.2 if JIT else 0.01
-    worlds = Worlds(runs=11, **values)
+    scene, duration = arm() if values else humanoid, 0.2 if JIT else 0.01
+    worlds = Worlds(runs=11, **values) if values else variations(humanoid, 11)[0]
     references = swings(scene, 11)
     runs = simulate_batch(scene, duration, references=references, worlds=worlds, record=RECORD, **ONCE)
     assert differ(runs)
@@ -258,21 +259,6 @@ def test_all_numbers_at_once_on_the_ground(humanoid, everything, walks, alone, w
 
 
 @pytest.mark.long
-def test_many_worlds_with_noise_in_all_lanes_of_all_cores(humanoid):
-    """Noise of encoders and supply besides: 64 units of one robot, each as alone."""
-    rng = np.random.default_rng(9)
-    share = Distribution("normal", 0.05)
-    servos = {"resistance": share, "stiffness": share}
-    worlds = Worlds(runs=64, servos=servos)
-    noises = [rng.normal(size=(60, humanoid.tree.n, 2)) * [1e-3, 0.1] for _ in range(64)]
-    references, how = swings(humanoid, 64), dict(record=RECORD, **ONCE)
-    runs = simulate_batch(humanoid, 0.6, references=references, worlds=worlds, noises=noises, **how)
-    assert differ(runs)
-    for run, own, reference, noise in zip(runs, worlds.scenes(humanoid), references, noises):
-        assert_same(run, simulate(own, 0.6, reference=reference, noise=noise, **how), RECORD)
-
-
-@pytest.mark.long
 def test_error_controlled_runs_take_their_own_scenes():
     scene = compile_scene(load_robot("ax12_arm"), "mipsd")
     worlds, references = Worlds(runs=3, servos={"Kp": TENTH}), swings(scene, 3)
@@ -323,48 +309,19 @@ def test_scenes_of_other_structure_are_not_put_in_step():
 
 
 @pytest.mark.long
+@pytest.mark.bounds
+@pytest.mark.nojit
 def test_a_height_field_may_lie_at_other_heights():
     rng = np.random.default_rng(0)
     field = HeightField(0.01 * rng.normal(size=(9, 9)), (0.2, 0.2), (-0.8, -0.8))
     scene = box_on(Ground(field=field, penetration=1e-3))
     worlds = Worlds(ground={"height": np.linspace(-0.05, 0.05, 5), "friction": np.linspace(0.2, 1.0, 5)})
     state = initial_state(scene, [0.0, 0.0, 0.2, 1.0, 0.1, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0, 0.0, 1.0])
-    runs = simulate_batch(scene, 0.4, [state] * 5, worlds=worlds, record=("base_q",), **ONCE)
+    duration = 0.4 if JIT else 0.02
+    runs = simulate_batch(scene, duration, [state] * 5, worlds=worlds, record=("base_q",), **ONCE)
     assert differ(runs)
     for run, own in zip(runs, worlds.scenes(scene)):
-        assert_same(run, simulate(own, 0.4, state, record=("base_q",), **ONCE), ("base_q",))
-
-
-# ---------------------------------------------------------------------------------------------- truths
-
-
-@pytest.mark.long
-def test_boxes_slide_as_their_own_slope_and_friction_ask():
-    """a = g (sin - mu cos), down the slope, eight slopes and coefficients in one vector."""
-    slopes, friction = np.linspace(0.3, 0.5, 8), np.linspace(0.05, 0.2, 8)
-    scene = box_on(Ground(penetration=1e-4))
-    worlds = Worlds(ground={"slope": slopes, "friction": friction})
-    states = [resting(own, (-0.5, 0.0, 0.0)) for own in worlds.scenes(scene)]
-    runs = simulate_batch(scene, 0.5, states, worlds=worlds, record=("base_q", "base_qd"), **ONCE)
-    for own, run, slope, mu in zip(worlds.scenes(scene), runs, slopes, friction):
-        speed = along(own, run["base_qd"][:, :3])
-        expected = -G * (math.sin(slope) - mu * math.cos(slope))
-        assert (speed[-1] - speed[10]) / (run["time"][-1] - run["time"][10]) == pytest.approx(expected, rel=2e-3)
-
-
-@pytest.mark.long
-def test_a_pendulum_swings_by_its_own_gravity_and_length():
-    """T = 2 pi sqrt(J / (m g l)) of small swings: the time of a whole one by its gravity and center of mass."""
-    scene = compile_scene(pendulum(damping=0.0), integrator="midpoint", timestep=1e-3)
-    g, l = np.linspace(1.6, 25.0, 8), np.linspace(0.2, 0.3, 8)
-    centers = np.stack([0.0 * l, 0.0 * l, -l], axis=-1)[:, None]
-    worlds = Worlds(gravity=np.stack([0.0 * g, 0.0 * g, -g], axis=-1), links={"rod.center_of_mass": centers})
-    states = [initial_state(scene, [0.01], [0.0])] * 8
-    inertia = scene.model.links[1].inertia[3]
-    for run, g_k, l_k in zip(simulate_batch(scene, 8.0, states, worlds=worlds, record=("q",), **ONCE), g, l):
-        period = 2.0 * math.pi * math.sqrt((inertia + l_k**2) / (g_k * l_k))
-        falling = np.flatnonzero((run["q"][1:, 0] < 0.0) & (run["q"][:-1, 0] >= 0.0))
-        assert run["time"][falling[1]] - run["time"][falling[0]] == pytest.approx(period, abs=0.02)
+        assert_same(run, simulate(own, duration, state, record=("base_q",), **ONCE), ("base_q",))
 
 
 # ---------------------------------------------------------------------------------------------- the scenes of worlds

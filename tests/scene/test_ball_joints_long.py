@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait import Ground, compile_scene, initial_state, simulate, simulate_batch
+from featherstone_gait import Ground, compile_scene, initial_state, simulate
 from featherstone_gait.dynamics import energy, momentum
 from featherstone_gait.model import ContactPoint, Joint, Link, Model
 
@@ -88,25 +88,6 @@ def test_tolerance_orders_the_error(integrator):
         assert errors[-1] < 100.0 * rtol
     assert errors[0] > errors[1] or errors[1] < 1e-13
     assert errors[1] > errors[2]
-
-
-@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
-def test_lanes_give_the_same_bits(integrator):
-    model, (q, v) = pendulum("floating"), start(pendulum("floating"))
-    scene = compile_scene(model, integrator=integrator, timestep=1e-3)
-    states = [initial_state(scene, q, v * scale) for scale in np.linspace(0.5, 1.5, 9)]
-    alone = [simulate(scene, 0.1, state, estimate_error=False).final for state in states]
-    together = simulate_batch(scene, 0.1, states, estimate_error=False)
-    assert all(np.array_equal(one, run.final) for one, run in zip(alone, together))
-
-
-def test_a_run_goes_on_where_another_ended():
-    model, (q, v) = pendulum(), start(pendulum())
-    scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3)
-    whole = simulate(scene, 0.2, initial_state(scene, q, v), estimate_error=False)
-    half = simulate(scene, 0.1, initial_state(scene, q, v), estimate_error=False)
-    rest = simulate(scene, 0.1, half, estimate_error=False)
-    assert np.array_equal(rest.final, whole.final)
 
 
 def test_damping_of_a_ball_joint_is_that_of_each_degree():

@@ -55,16 +55,6 @@ def test_two_balls_part_at_the_speed_of_the_law(damping_ratio):
     assert total[-1] - total[0] == pytest.approx(run["pair_work"][-1, 0], abs=1e-7)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("integrator", ["dop853", "ars343"])
-def test_work_of_pairs_is_counted_where_nothing_else_does_work(integrator):
-    scene = two_balls(damping_ratio=0.3, integrator=integrator)
-    run = run_of(scene, 0.1, {"first": (1.0, 0.0, 0.0)}, rtol=1e-8)
-    total = energy_of(scene, run)
-    assert run["pair_work"][-1, 0] < -0.05
-    assert total[-1] - total[0] == pytest.approx(run["pair_work"][-1, 0], abs=1e-6)
-
-
 @pytest.mark.parametrize("friction", [0.1, 3.0])
 def test_an_oblique_collision_is_that_of_the_law(friction):
     """Sliding throughout, and with friction that stops the slip; what turns counts in the angular momentum."""

@@ -8,7 +8,6 @@ from touching import G, ball, energy_of, law_of, obstacle, placed, run_of, touch
 
 from featherstone_gait.base.rotation import rotation_from_quaternion
 from featherstone_gait.model.shapes import Box, Cylinder, Sphere
-from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
 
 pytestmark = pytest.mark.long
 
@@ -105,14 +104,3 @@ def test_moments_between_two_that_move_are_opposite(integrator):
     np.testing.assert_allclose(total[-1], total[0], atol=1e-9)
     assert abs(run.of("two")["base_qd"][-1, 3]) > 0.05
     assert law_of(scene)[2] > 0.0
-
-
-def test_runs_in_lanes_have_the_bits_of_runs_alone():
-    """Balls of other speeds, some of which stop and some of which spin."""
-    scene, _, _ = rolling(0.3, 2e-3, 0.02, "implicit_euler", 1e-3, 1e-4)
-    starts = [{"ball": (0.05 * k, 0.0, 0.0, 0.0, k, 2.0 - k)} for k in range(5)]
-    states = np.array([initial_state(scene, None, start) for start in starts])
-    together = simulate_batch(scene, 0.3, states, record=CHANNELS, estimate_error=False)
-    for state, run in zip(states, together):
-        alone = simulate(scene, 0.3, state, record=CHANNELS, estimate_error=False)
-        assert alone.final.tobytes() == run.final.tobytes()

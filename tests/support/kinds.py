@@ -13,6 +13,7 @@ import pytest
 
 from featherstone_gait.core.compile.jit import JIT
 from featherstone_gait.core.compile.varying import Varying
+from featherstone_gait.run import fleet
 from featherstone_gait.run.compiled_run import CompiledRun
 
 LIST = Path(__file__).with_name("kinds.toml")
@@ -33,7 +34,8 @@ def kind_of(kernel, run):
     for name in ("scene", "signals"):
         words.update(_parts(getattr(run, name), ()))
     words.update(_parts(run.plan.min_height, ("min_height",)))
-    words.update(name for name in ("frames", "renewal") if getattr(run, name) is not None)
+    words.update(_parts(run.renewal, ("renewal",)))
+    words.update(("frames",) if run.frames is not None else ())
     words.update(name for name in ("predicted", "fresh") if getattr(run.work, name, None) is not None)
     return frozenset(words)
 
@@ -53,14 +55,22 @@ def _parts(x, path):
 
 def guard(monkeypatch):
     """Fail quick tests that simulate an unlisted kind, and any test that compiles too large a function."""
-    call = CompiledRun.call
+    call, direct = CompiledRun.call, fleet.direct
 
-    def checked(self, kernel, run, y, out):
+    def check(kernel, run):
         if running and (kind := kind_of(kernel, run)) not in listed().values():
             pytest.fail(_unlisted(kind), pytrace=False)
+
+    def checked(self, kernel, run, y, out):
+        check(kernel, run)
         return call(self, kernel, run, y, out)
 
+    def checked_direct(kernel, run, *arguments):  # of sessions
+        check(kernel, run)
+        return direct(kernel, run, *arguments)
+
     monkeypatch.setattr(CompiledRun, "call", checked)
+    monkeypatch.setattr(fleet, "direct", checked_direct)
     if JIT:
         from featherstone_gait.core.compile.compiler import Whole
 

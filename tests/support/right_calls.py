@@ -244,8 +244,11 @@ def _scenes() -> Iterator[Call]:
     yield Call("compile_scene", fg.compile_scene, touching)
     yield Call("initial_state", fg.initial_state, {"scene": both, "q": {"ball": [0, 0, 1, 1, 0, 0, 0]}, "qd": {}})
     free = fg.Placed(unlimited(robot))
-    close = fg.compile_scene(replace(company(), members=(free, company().members[1]), pairs="all"), timestep=1e-3)
-    seen = fg.RangeSensor("arm/b", [[1.0, 0.0, 0.0]])
+    far = (fg.Box((0.1, 0.1, 0.1)), fg.Cylinder(0.1, 0.1))
+    far = tuple(fg.Placed(fg.body(one, base="fixed"), f"far{k}", (k, 0.0, 9.0)) for k, one in enumerate(far))
+    lone = replace(company(), members=(free, company().members[1]), obstacles=far, ground=None, pairs="all")
+    close = fg.compile_scene(lone, None, None, "extrapolation", 1e-3)
+    seen = fg.RangeSensor("arm/b", [[1.0, 0.0, 0.3]])  # at the ball
     run = fg.simulate(close, 0.01, estimate_error=False)
     yield Call("ranges", fg.ranges, {"scene": close, "trajectory": run, "sensor": seen})
     late = fg.SampledSensor(seen, noise=0.1, delay=0.01)

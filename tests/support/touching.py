@@ -31,16 +31,17 @@ def obstacle(shape, name, position=NOWHERE, orientation=(1.0, 0.0, 0.0, 0.0), fr
     return Placed(model, position=position, orientation=orientation)
 
 
-def touching(members, obstacles=(), integrator="extrapolation", timestep=None, gravity=NOWHERE, **law):
-    """A scene in which all touch all, without a ground.
+def far():
+    """A box and a cylinder far away, so that all scenes with them have the same code."""
+    unit = Sphere(0.1), Box((0.1, 0.1, 0.1)), Cylinder(0.1, 0.1)
+    return [obstacle(shape, f"far{k}", (0.0, 0.0, 1e3 + k)) for k, shape in enumerate(unit)]
 
-    A box and a cylinder stand far away, so that all such scenes have the same code.
-    """
+
+def touching(members, obstacles=(), integrator="extrapolation", timestep=None, gravity=NOWHERE, **law):
+    """A scene in which all touch all, without a ground."""
     if integrator in FIXED_STEPS and timestep is None:
         timestep = 1e-3
-    unit = Sphere(0.1), Box((0.1, 0.1, 0.1)), Cylinder(0.1, 0.1)
-    far = [obstacle(shape, f"far{k}", (0.0, 0.0, 1e3 + k)) for k, shape in enumerate(unit)]
-    return compile_scene(SceneModel("touching", list(members), [*obstacles, *far]), None, None, integrator, timestep,
+    return compile_scene(SceneModel("touching", list(members), [*obstacles, *far()]), None, None, integrator, timestep,
                          gravity=gravity, pairs=PairContact(**law))  # fmt: skip
 
 

@@ -12,7 +12,6 @@ from featherstone_gait.walking.kinematics import center_of_mass, link_index, lin
 from featherstone_gait.walking.plan import walking_plan
 from featherstone_gait.walking.stance import size_of, soles_of, standing
 
-CROUCH = {"hip_front": 0.4, "knee": -0.8, "ankle_front": 0.4}  # [rad]; the axis of hip_front is +y, of the others -y
 WALK = {"com_height": 0.212, "half_width": 0.042, "step_length": 0.02, "lift": 0.015, "T": 0.02, "N": 60, "n_steps": 12}
 
 
