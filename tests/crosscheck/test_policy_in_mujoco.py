@@ -46,6 +46,19 @@ def test_drawn_units_take_as_much_in_mujoco_as_here():
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("slope", "heading"), [(0.05, 0.0), (-0.05, 0.0), (0.05, 1.6)], ids=["up", "down", "across"])
+def test_it_walks_on_slopes_in_mujoco_as_here(slope, heading):
+    """The plane is tilted about the origin and lies 0.1 m high, and gravity is as it was."""
+    scene = scene_of(little_biped())
+    scene = scene.recompiled(ground=replace(scene.ground, slope=slope, heading=heading, height=0.1))
+    found = crosscheck_policy(NETWORK, scene, 4.0, **HOW)
+    assert [*found.verdicts, *found.own.verdicts] == ["walks", "walks"]
+    for name in ("speed", "energy_per_way", "clearance"):
+        assert found.mujoco[name] == pytest.approx(found.own.worlds[name], rel=0.1)
+    assert found.mujoco["aside"] == pytest.approx(found.own.worlds["aside"], abs=0.05)  # [m]
+
+
+@pytest.mark.long
 def test_position_actuators_of_mjcf_walk_alike_too():
     """A torque law within its limit is an actuator of MuJoCo, and has no motor: energy is mechanical work, to 1.4 %."""
     robot = little_biped()
@@ -69,11 +82,11 @@ def test_pushes_and_drawn_units_cost_the_same_in_mujoco():
 
 def test_what_mujoco_cannot_be_given_is_refused():
     robot = little_biped()
-    scene, slope = scene_of(robot), {"kind": "uniform", "scale": 0.1, "additive": True}
+    scene = scene_of(robot)
     law = Servo(Controller("pd", 4.0, Kd=0.05))
     own = load_policy(NETWORK, robot, **HOW)
     for policy, on, more, said in [
-        (own, scene, {"doubts": {"worlds": {"ground": {"slope": slope}}}}, "ground: it has slope"),
+        (own, scene, {"doubts": {"roughness": {"height": 0.01}}}, "ground: it has field"),
         (own, scene.recompiled(ground=Ground(steps=((1.0, 0.01),))), {}, "ground: it has steps"),
         (own, scene.recompiled(ground=None), {}, "there is no ground"),
         (own, replace(robot, servos=dict.fromkeys(robot.servos, law)), {}, "the torque law 'pd'"),
