@@ -215,7 +215,7 @@ def main(*folders: str) -> None:
         (one, kind): row(one, kind, own[kind]) | (nominal(one) if own[kind] is None else {})
         for kind in SERVOS for one, own in servos.items() if kind in own
     }  # fmt: skip
-    write("judged_policies.csv", [*rows.values()])
+    write("judged_policies.csv", sorted(rows.values(), key=lambda own: own["robot"] != "Microduck"))
     rough = []
     for one in others:
         if one.label in ROUGH:
