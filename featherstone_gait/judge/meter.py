@@ -113,7 +113,7 @@ class Meter:
         if self._motor:
             np.maximum(self.peak_current, m * np.abs(seen["current"]), out=self.peak_current)
         else:
-            work = seen["energy"].reshape(*m.shape[:1], -1, len(LABELS))[..., WORK]
+            work = seen["energy"].reshape(len(m), -1, len(LABELS))[..., WORK]
             self.positive += m * np.maximum(work - self._work, 0.0)
             self._work = work.copy()
         full = (np.abs(seen["voltage"]) if self._motor else torque) >= FULL * self._limit

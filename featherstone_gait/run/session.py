@@ -659,6 +659,7 @@ class Session:
         with self._alone():
             other = Session(**self._given)
             other._take(self._kept())
+            other._default, other._told = self._default.copy(), self._told
             other._log = self._log.copy(other._runs)
             return other
 
