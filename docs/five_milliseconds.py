@@ -2,8 +2,9 @@
 
 The folders are those of `docs/judged.py`.  Each policy walks in the same drawn worlds in MuJoCo and here, at steps of
 5 ms and less; each run is compared, world by world, with that of the same engine at 0.1 ms.  Servos with a period have
-one of 1 ms, or the step where that is longer.  Microduck walks on harder floors too.  Writes
-docs/reproduction/policy_steps.csv in twenty minutes.
+one of 1 ms, or the step where that is longer.  Microduck walks on harder floors too, and of the Go1, whose energies
+differ most, one thing at a time is changed.  Writes policy_steps.csv and policy_causes.csv of docs/reproduction in
+twenty-five minutes.
 
 Time is CPU time: here of the whole loop (sensors, network, servos, contact), for each of eight robots in a vector, as
 the difference of a long and a short run; in MuJoCo of `mj_step` alone where the robot stands, without servos, network
@@ -20,23 +21,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from judged import PRESET, published, with_servo
 
-ROOT = Path(__file__).parents[1]
-sys.path += [str(ROOT / "tests" / "support"), str(ROOT / "docs")]
-
-from judged import COMMAND, DUCKS, OTHERS, PRESET  # noqa: E402
-
-from featherstone_gait import Model, load_robot  # noqa: E402
-from featherstone_gait.base.files import Format, write_csv  # noqa: E402
-from featherstone_gait.benchmark.engines import mujoco, quick_mujoco  # noqa: E402
-from featherstone_gait.benchmark.little_biped import NETWORK, little_biped  # noqa: E402
-from featherstone_gait.crosscheck import Floor, PolicyCheck, crosscheck_policy, standing  # noqa: E402
-from featherstone_gait.crosscheck.in_mujoco import advance, machine_of, place  # noqa: E402
-from featherstone_gait.judge import Policy, judge, load_policy  # noqa: E402
-from featherstone_gait.judge.run import HARD, posture_of, scene_of  # noqa: E402
-from featherstone_gait.scene.compile import CompiledScene  # noqa: E402
+from featherstone_gait import Model, load_robot
+from featherstone_gait.base.files import Format, write_csv
+from featherstone_gait.benchmark.engines import mujoco, quick_mujoco
+from featherstone_gait.benchmark.little_biped import NETWORK, little_biped
+from featherstone_gait.crosscheck import Floor, PolicyCheck, crosscheck_policy, standing
+from featherstone_gait.crosscheck.in_mujoco import advance, machine_of, place
+from featherstone_gait.judge import Policy, judge, load_policy
+from featherstone_gait.judge.run import HARD, posture_of, scene_of
+from featherstone_gait.scene.compile import CompiledScene
 
 OUT = Path(__file__).parent / "reproduction" / "policy_steps.csv"
+CAUSES = OUT.with_name("policy_causes.csv")
 WORLDS, SECONDS, SHORT = 8, 4.0, 1.0
 STEPS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3)  # of both engines [s]; the first is the reference
 FLOORS = {5e-3: 9.1e-6, 2e-3: 2.3e-6}  # harder ones: MuJoCo's time constants [s], and penetrations here [m], which are
@@ -85,13 +83,15 @@ def at_step(model: Model, h: float) -> CompiledScene:
     return scene_of(replace(model, servos=servos), timestep=h)
 
 
-def walked(one: Walker, h: float, floor: float, depth: float) -> PolicyCheck:
-    """Walk in all worlds, in both engines at a step h [s]."""
+def walked(
+    one: Walker, h: float, floor: float = SOFT, depth: float = HARD, impratio: float = 1.0, finer: float = 1.0
+) -> PolicyCheck:
+    """Walk in all worlds, in both engines at a step h [s], in MuJoCo at one finer by a factor."""
     scene = at_step(one.model, h)
     scene = scene.recompiled(ground=replace(scene.ground, penetration=depth))
-    lies = Floor(floor, scene.ground.friction)
+    lies = Floor(floor, scene.ground.friction, impratio=impratio)
     return crosscheck_policy(one.policy, scene, SECONDS, one.command, worlds=WORLDS, doubts=doubts(scene), floor=lies,
-                             timestep=h)  # fmt: skip
+                             timestep=h / finer)  # fmt: skip
 
 
 def time_in_mujoco(one: Walker, h: float) -> float:
@@ -164,7 +164,7 @@ def pooled(lines: list[dict[str, Any]]) -> dict[str, Any]:
 
 def of_policy(one: Walker, timed: bool) -> list[dict[str, Any]]:
     """Return the rows of a policy at all steps."""
-    found = {h: walked(one, h, SOFT, HARD) for h in STEPS}
+    found = {h: walked(one, h) for h in STEPS}
     rows = []
     for engine, clock in (("MuJoCo", time_in_mujoco), ("here", time_here)):
         for h in STEPS:
@@ -180,33 +180,65 @@ def on_harder_floors(one: Walker) -> list[dict[str, Any]]:
     return [row(one, engine, floor, 2e-4, x, x) for engine in ("MuJoCo", "here") for floor, x in found.items()]
 
 
-def walkers(microduck: Path, playground: Path) -> list[Walker]:
-    """Load all policies with their robots."""
+def one_at_a_time(one: Walker) -> list[dict[str, Any]]:
+    """Return by how much the engines differ at 0.2 ms, with one thing changed in one or both of them."""
+
+    def joints(**numbers: float) -> Walker:
+        return one._replace(model=replace(one.model, joints=tuple(replace(x, **numbers) for x in one.model.joints)))
+
+    cases = {
+        "nothing": (one, {}), "MuJoCo: step of 0.1 ms": (one, {"finer": 2.0}),
+        "MuJoCo: time constant of 5 ms": (one, {"floor": 5e-3}),
+        "MuJoCo: time constant of 2 ms, step of 0.1 ms": (one, {"floor": 2e-3, "finer": 2.0}),
+        "MuJoCo: impratio of 100": (one, {"impratio": 100.0}), "here: penetration of 1 mm": (one, {"depth": 1e-3}),
+        "both: no armature": (joints(armature=0.0), {}), "both: no dry friction of joints": (joints(friction=0.0), {}),
+    }  # fmt: skip
+    rows = []
+    for changed, (walker, how) in cases.items():
+        found = walked(walker, 2e-4, **how)
+        both = (found.verdicts == "walks") & (found.own.verdicts == "walks")
+        theirs, ours = ({name: x[both] for name, x in worlds.items()} for worlds in (found.mujoco, found.own.worlds))
+        low, middle, high = np.percentile(theirs["energy_per_way"] / ours["energy_per_way"] - 1.0, (10, 50, 90))
+        cells = {"changed": changed, "walks": int(both.sum()), "energy": middle, "low": low, "high": high}
+        for engine, worlds in (("mujoco", theirs), ("here", ours)):
+            names = {"J_per_m": "energy_per_way", "slip": "slip", "speed": "speed"}
+            cells |= {f"{engine}_{name}": np.median(worlds[key]) for name, key in names.items()}
+        rows.append(cells)
+    return rows
+
+
+def walkers(microduck: str, playground: str) -> list[Walker]:
+    """Load all policies with their robots, Microduck with servos of the package in place of its file's actuators."""
     biped = little_biped()
     own = load_policy(NETWORK, biped, NETWORK.with_suffix(".toml"))
     found = [Walker("little biped", "little biped", "walk", biped, own, (0.1, 0.0, 0.0))]
-    duck = load_robot(microduck / "fk" / "scene.xml", contacts="feet")
-    duck = replace(duck, servos=dict.fromkeys(duck.servos, PRESET))  # armature and friction of its joints stay
-    for label, name in DUCKS.items():
-        policy = load_policy(microduck / "policies" / f"{name}.onnx", duck, "microduck")
-        found.append(Walker("Microduck", "Microduck", label, duck, policy, COMMAND))
-    root = playground / "mujoco_playground"
-    for robot, (name, short) in OTHERS.items():
-        xml = root / "_src" / "locomotion" / robot / "xmls" / "scene_mjx_feetonly_flat_terrain.xml"
-        model = load_robot(xml, contacts="feet")
-        network = root / "experimental" / "sim2sim" / "onnx" / f"{short}_policy.onnx"
-        found.append(Walker("five others", name, short, model, load_policy(network, model, robot), COMMAND))
+    for one in published(microduck, playground):
+        model = load_robot(one.xml, contacts="feet")
+        small = one.robot == "Microduck"
+        model = with_servo(model, PRESET) if small else model
+        policy = load_policy(one.network, model, one.description)
+        found.append(
+            Walker(one.robot if small else "five others", one.robot, one.label, model, policy, (one.speed, 0.0, 0.0))
+        )
     return found
 
 
+def write(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write rows as a table of docs/reproduction."""
+    columns = [*dict.fromkeys(name for line in rows for name in line)]
+    write_csv(path, Format("policy steps", 1), columns, ([line.get(name, "") for name in columns] for line in rows))
+
+
 def main(microduck: str, playground: str) -> None:
-    """Write the table."""
+    """Write the tables."""
     warnings.simplefilter("ignore")  # of what the readers leave out
     rows: list[dict[str, Any]] = []
-    for one in walkers(Path(microduck), Path(playground)):
+    for one in walkers(microduck, playground):
         first = not any(line["robot"] == one.robot for line in rows)
         rows += of_policy(one, first)
         rows += on_harder_floors(one) if one.group == "Microduck" else []
+        if one.label == "go1":
+            write(CAUSES, one_at_a_time(one))
         print(one.robot, one.label, flush=True)
     alike: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for line in rows:
@@ -215,8 +247,7 @@ def main(microduck: str, playground: str) -> None:
         for k, line in enumerate(sorted(lines, key=lambda line: line["transport"])):
             line["rank"] = k + 1
     rows = [summed(line) for line in [*rows, *map(pooled, alike.values())]]
-    columns = [*dict.fromkeys(name for line in rows for name in line)]
-    write_csv(OUT, Format("policy steps", 1), columns, ([line.get(name, "") for name in columns] for line in rows))
+    write(OUT, rows)
 
 
 if __name__ == "__main__":

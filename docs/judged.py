@@ -2,12 +2,12 @@
 
 MICRODUCK is apirrone/microduck_runtime at 718cb2e, PLAYGROUND google-deepmind/mujoco_playground at d5e6b47 with the
 meshes that it fetches (they are drawn only), OPEN_DUCK apirrone/Open_Duck_Playground at f82b5e7, and WALK a folder with
-BEST_WALK_ONNX_2.onnx of apirrone/Open_Duck_Mini (SHA-256 3c606f93...).  Writes judged_policies.csv and judged_duck.csv
-of docs/reproduction in some ten minutes.
+BEST_WALK_ONNX_2.onnx of apirrone/Open_Duck_Mini (SHA-256 3c606f93...).  Writes judged_policies.csv, judged_duck.csv and
+judged_rough.csv of docs/reproduction in some fifteen minutes.
 
 Each policy drives its robot in 100 worlds of 8 s, at a command of 0.5 m/s ahead.  Where the servos are the position
 actuators of the robot's file, it also drives it on a floor without any draw, here and in MuJoCo, at the file's step and
-at 0.2 ms.
+at 0.2 ms.  Three policies walk on rough ground too, in worlds that are otherwise the same.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ import numpy as np
 from featherstone_gait import Ground, Model, Servo, Session, compile_scene, load_robot, load_servo, standing_state
 from featherstone_gait.base.files import FilePath, Format, write_csv
 from featherstone_gait.judge import Policy, judge, load_policy
-from featherstone_gait.judge.doubts import draw_worlds
+from featherstone_gait.judge.doubts import DEFAULT, draw_worlds
 from featherstone_gait.judge.observation import Observer
 from featherstone_gait.judge.run import HARD
 from featherstone_gait.robot_file.servos import without_actuators
+from featherstone_gait.robot_file.toml import read_toml
 
 OUT = Path(__file__).parent / "reproduction"
 COMMAND, WORLDS, SECONDS, AGAIN = (0.5, 0.0, 0.0), 100, 8.0, 16
@@ -43,12 +44,14 @@ SERVOS = {"of the file": None, "xl330, P gain 400": PRESET, "xl330, P gain 200":
 DUCK_SERVOS = {"of the file": None, "sts3215": load_servo("sts3215")}
 DUCK_SERVOS |= {f"sts3215, {ms} ms late": load_servo("sts3215", delay=1e-3 * ms) for ms in (20, 40)}
 PITCHING = "hip_pitch", "knee", "ankle"  # joints of which the builder states how they follow
+ROUGH = {"new": (0.005, 0.01), "rough": (0.005, 0.01), "go1": (0.02, 0.04)}  # by policy: roughness up to [m]
 DUCK_SPEEDS, DUCK_WORLDS = (0.15, 0.08), 200  # [m/s]: the most that it was trained for, and what a builder asked of it
 
 
-def nominal(xml: Path, model: Model, policy: Policy) -> dict[str, float]:
+def nominal(one: Published) -> dict[str, float]:
     """Return speed [m/s] and energy by way [J/m] on a plain floor, here and in MuJoCo."""
-    m = mujoco.MjModel.from_xml_path(str(xml))
+    model, m = load_robot(one.xml, contacts="feet"), mujoco.MjModel.from_xml_path(str(one.xml))
+    policy = load_policy(one.network, model, one.description)
     floor = Ground(friction=float(m.geom("floor").friction[0]), penetration=HARD)
     own = judge(policy, compile_scene(model, "rotor", floor, "midpoint", 1e-3), 8, SECONDS, COMMAND, doubts=PLAIN,
                 again=0).worlds  # fmt: skip
@@ -108,8 +111,10 @@ class Published(NamedTuple):
     speed: float = COMMAND[0]
 
 
-def published(microduck: FilePath, playground: FilePath, duck: FilePath, walk: FilePath) -> list[Published]:
-    """Return all policies, from folders of the four repositories."""
+def published(
+    microduck: FilePath, playground: FilePath, duck: FilePath | None = None, walk: FilePath | None = None
+) -> list[Published]:
+    """Return all policies, from folders of the four repositories; without the Open Duck's where its two are None."""
     ducks, root = Path(microduck), Path(playground) / "mujoco_playground"
     found = [
         Published("Microduck", label, ducks / "fk" / "scene.xml", ducks / "policies" / f"{name}.onnx", "microduck")
@@ -119,18 +124,27 @@ def published(microduck: FilePath, playground: FilePath, duck: FilePath, walk: F
         xml = root / "_src" / "locomotion" / robot / "xmls" / "scene_mjx_feetonly_flat_terrain.xml"
         network = root / "experimental" / "sim2sim" / "onnx" / f"{short}_policy.onnx"
         found.append(Published(name, short, xml, network, robot))
-    xml = Path(duck) / "playground" / "open_duck_mini_v2" / "xmls" / "scene_flat_terrain.xml"
-    label, best = "Open Duck Mini v2", "BEST_WALK_ONNX_2"
-    return [*found, Published(label, best, xml, Path(walk) / f"{best}.onnx", "open_duck_mini_v2", DUCK_SPEEDS[0])]
+    if duck is not None and walk is not None:
+        xml = Path(duck) / "playground" / "open_duck_mini_v2" / "xmls" / "scene_flat_terrain.xml"
+        name, best = "Open Duck Mini v2", "BEST_WALK_ONNX_2"
+        found.append(Published(name, best, xml, Path(walk) / f"{best}.onnx", "open_duck_mini_v2", DUCK_SPEEDS[0]))
+    return found
 
 
-def row(one: Published, kind: str, servo: Servo | None, worlds: int = WORLDS) -> dict[str, Any]:
-    """Judge one policy on one robot with one kind of servo."""
-    model = load_robot(one.xml, contacts="feet")
+def with_servo(model: Model, servo: Servo | None) -> Model:
+    """Return a robot with a servo in place of all actuators of its file; None: with these."""
     own = model.servos if servo is None else dict.fromkeys(model.servos, servo)
-    driven = replace(without_actuators(model, own), servos=own)
+    return replace(without_actuators(model, own), servos=own)
+
+
+def row(one: Published, kind: str, servo: Servo | None, worlds: int = WORLDS, height: float = 0.0) -> dict[str, Any]:
+    """Judge one policy on one robot with one kind of servo, on ground of a roughness up to a height [m]."""
+    model = load_robot(one.xml, contacts="feet")
     policy = load_policy(one.network, model, one.description)
-    record = judge(policy, driven, worlds, SECONDS, (one.speed, 0.0, 0.0), again=AGAIN)
+    driven = with_servo(model, servo)
+    tables = read_toml(DEFAULT)
+    tables["roughness"]["height"] = height
+    record = judge(policy, driven, worlds, SECONDS, (one.speed, 0.0, 0.0), again=AGAIN, doubts=tables)
     counts = {name: int((record.verdicts == name).sum()) for name in ("walks", "stands", "falls", "unknown")}
     low, high = record.interval
     figures = {"speed": "speed", "power": "power", "J_per_m": "energy_per_way", "transport": "cost_of_transport"}
@@ -138,7 +152,10 @@ def row(one: Published, kind: str, servo: Servo | None, worlds: int = WORLDS) ->
              "verdict": record.verdict, **counts, "low": low, "high": high, "same": record.agreement.same,
              "again": AGAIN, "why": record.why(), "time": float(np.median(record.worlds["time"])),
              **{name: "" if record.walking == 0 else record.spread(figure)[0] for name, figure in figures.items()}}
-    found |= nominal(one.xml, model, policy) if kind == "of the file" and one.speed == COMMAND[0] else {}
+    for cause in record.causes if height else ():
+        if cause.name == "roughness":
+            found |= {"delta": cause.effect, "failing": cause.failing, "others": cause.others}
+    found |= {"height": height} if height else {}
     print({name: value for name, value in found.items() if name != "why"}, flush=True)
     return found
 
@@ -146,12 +163,10 @@ def row(one: Published, kind: str, servo: Servo | None, worlds: int = WORLDS) ->
 def targets(one: Published, servo: Servo) -> np.ndarray:
     """Return the references (steps, joints) [rad] that a policy sends on a plain floor."""
     model, kept = load_robot(one.xml, contacts="feet"), []
-    own = dict.fromkeys(model.servos, servo)
     policy = load_policy(one.network, model, one.description)
     said, act = policy.description, policy.act
     noted = replace(policy, act=lambda x: kept.append(act(x)) or kept[-1])
-    judge(noted, replace(without_actuators(model, own), servos=own), 8, SECONDS, (one.speed, 0.0, 0.0), doubts=PLAIN,
-          again=0)  # fmt: skip
+    judge(noted, with_servo(model, servo), 8, SECONDS, (one.speed, 0.0, 0.0), doubts=PLAIN, again=0)
     found, most = [np.array(said.pose)], said.action.max_speed / said.rate
     for actions in kept:
         wanted = said.pose + np.asarray(said.action.scale) * actions[0]
@@ -165,8 +180,7 @@ def following(one: Published, servo: Servo | None, sent: np.ndarray) -> dict[str
     Of the joints the least and the largest: 95th percentile of the error [rad], and lag in steps of the policy.
     """
     model = load_robot(one.xml, base="fixed")
-    own = model.servos if servo is None else dict.fromkeys(model.servos, servo)
-    scene = compile_scene(replace(without_actuators(model, own), servos=own), "rotor", None, "midpoint", 1e-3)
+    scene = compile_scene(with_servo(model, servo), "rotor", None, "midpoint", 1e-3)
     joints = load_policy(one.network, model, one.description).description.joints
     columns = [scene.model.joint_names.index(name) for name in joints]
     given, seen = np.zeros((len(sent), len(columns))), []
@@ -196,9 +210,19 @@ def main(*folders: str) -> None:
     followed = {kind: following(duck, servo, sent) for kind, servo in DUCK_SERVOS.items()}
     asked = [(duck._replace(speed=speed), *servo) for speed in DUCK_SPEEDS for servo in DUCK_SERVOS.items()]
     write("judged_duck.csv", [row(*each, DUCK_WORLDS) | followed[each[1]] for each in asked])
-    small = [one for one in others if one.robot == "Microduck"]
-    rows = [row(one, *servo) for servo in SERVOS.items() for one in small]
-    write("judged_policies.csv", rows + [row(one, "of the file", None) for one in others if one not in small])
+    servos = {one: SERVOS if one.robot == "Microduck" else {"of the file": None} for one in others}
+    rows = {
+        (one, kind): row(one, kind, own[kind]) | (nominal(one) if own[kind] is None else {})
+        for kind in SERVOS for one, own in servos.items() if kind in own
+    }  # fmt: skip
+    write("judged_policies.csv", sorted(rows.values(), key=lambda own: own["robot"] != "Microduck"))
+    rough = []
+    for one in others:
+        if one.label in ROUGH:
+            kind = [*servos[one]][-1]
+            rough.append(rows[one, kind] | {"height": 0.0})
+            rough += [row(one, kind, servos[one][kind], height=height) for height in ROUGH[one.label]]
+    write("judged_rough.csv", rough)
 
 
 if __name__ == "__main__":

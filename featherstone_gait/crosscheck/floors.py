@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from ..model import Ground
 from ..run.simulate import simulate, standing_state
@@ -112,7 +112,7 @@ def walk_on(
     depth = sinking(scene, angles, floor, timestep=timestep)
     acts = motion.controller(scene) if isinstance(motion, BalancedWalk) else None
     run = replay(scene, end, standing(scene, angles, depth), reference, floor, timestep=timestep, controller=acts)
-    ground = Ground(friction=floor.friction, penetration=depth)
+    ground = replace(scene.ground or Ground(), friction=floor.friction, penetration=depth)
     own = scene.recompiled(ground=ground, integrator="midpoint", timestep=timestep)
     state, record = standing_state(own, angles, allow_limit_violation=True), ("base_q", "energy")
     here = simulate(

@@ -17,9 +17,9 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from ..base.arguments import instance, one_of, real
-from ..core.effects.energies import ENERGIES, METER
+from ..core.effects.energies import ENERGIES, METER, WORK
 from ..core.effects.push import EVENT_MARGIN
-from ..model import TORQUE_LAWS, ContactPoint, Controller, Link, Model, Servo, depends_on_load_or_speed
+from ..model import TORQUE_LAWS, ContactPoint, Controller, Ground, Link, Model, Servo, depends_on_load_or_speed
 from ..robot_file.markup import element
 from ..robot_file.mjcf.read import heard
 from ..robot_file.mjcf.write import mjcf_text
@@ -29,6 +29,7 @@ from ..run.start import positions_in, standing_state
 from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
+from ..scene.contact import plane_axes
 from .servo_chain import ServoChain, is_gentle
 
 Objects = Callable[[Any], np.ndarray]  # adds objects to a specification; returns their velocities (objects, 6)
@@ -47,7 +48,7 @@ PREFIX = "rotor of "
 
 @dataclass(frozen=True)
 class Floor:
-    """A level floor in MuJoCo: solref = (time_constant, 1), MuJoCo's default solimp, elliptic cone.
+    """A floor in MuJoCo, a plane as the scene's: solref = (time_constant, 1), MuJoCo's default solimp, elliptic cone.
 
     Attributes
     ----------
@@ -79,6 +80,7 @@ class Machine(NamedTuple):
     rotor: np.ndarray | None  # in qpos, of the rotors; None where gearboxes are rigid
     gears: np.ndarray  # (n, 2) stiffness [N m/rad] and damping [N m s/rad] of the gearboxes between
     drives: np.ndarray  # joints with a torque law, in the order of MuJoCo's actuators
+    work: np.ndarray  # of these actuators, by joint [J]
     armature: np.ndarray  # that moves with the joint, not with the rotor [kg m^2]
     viscous: np.ndarray  # friction of joint and servo [N m s/rad] ...
     coulomb: np.ndarray  # ... and dry [N m]
@@ -211,7 +213,7 @@ def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.nda
     if scene.ground is None:
         raise ValueError(f"{scene.model.name}: there is no ground to stand on; compile the scene with ground=Ground()")
     q = positions_in(scene, standing_state(scene, angles, allow_limit_violation=True))
-    q[2] += scene.ground.penetration - sinking
+    q[2] += (scene.ground.penetration - sinking) / float(plane_axes(scene.ground)[0, 2])
     return q
 
 
@@ -304,6 +306,8 @@ def _steps(machine: Machine, count: int) -> None:
                 machine.m.dof_frictionloss[joints] = _budget(machine, torque + d.qfrc_actuator[joints])
             mujoco.mj_step(machine.m, d)
             chain.filter(speeds[joints])
+            if machine.drives.size:
+                machine.work[:] += machine.m.opt.timestep * d.qfrc_actuator[joints] * speeds[joints]
 
 
 def _through_gears(machine: Machine) -> np.ndarray:
@@ -338,7 +342,7 @@ def place(machine: Machine, q: np.ndarray) -> None:
         d.qpos[machine.rotor] = q[base:]
     if len(machine.thrown):
         d.qvel[-machine.thrown.size :] = machine.thrown.ravel()
-    machine.chain.goal = q[base:].copy()
+    machine.chain.goal, machine.work[:] = q[base:].copy(), 0.0
     _mujoco().mj_forward(m, d)
 
 
@@ -348,6 +352,8 @@ def sample_of(scene: CompiledScene, machine: Machine) -> dict[str, np.ndarray]:
     q, v = d.qpos[machine.q], d.qvel[machine.v]
     energy = np.full((len(q), ENERGIES), np.nan)
     energy[:, METER] = chain.meter
+    if machine.drives.size:
+        energy[:, WORK] = machine.work
     torque = chain.K * chain.current if machine.rotor is None else _through_gears(machine)
     torque = d.qfrc_actuator[machine.v] if machine.drives.size else torque
     base = {"base_q": d.qpos[:7].copy(), "base_qd": d.qvel[:6].copy()} if scene.model.base == "floating" else {}
@@ -361,8 +367,11 @@ def has_fallen(scene: CompiledScene, machine: Machine) -> bool:
     d = machine.d
     tilt = np.zeros(9)
     _mujoco().mju_quat2Mat(tilt, d.qpos[3:7])
-    upright = float(tilt[6:] @ np.array(scene.upright))
-    return bool(upright < scene.fall_upright or d.subtree_com[1, 2] < scene.fall_height)
+    upright, height = float(tilt[6:] @ np.array(scene.upright)), d.subtree_com[1, 2]
+    if scene.ground is not None:
+        up = plane_axes(scene.ground)[0]
+        height = d.subtree_com[1] @ up - scene.ground.height * up[2]
+    return bool(upright < scene.fall_upright or height < scene.fall_height)
 
 
 # ---------------------------------------------------------------------------------------------- the robot
@@ -413,7 +422,7 @@ def machine_of(
     bare, _ = mjcf_text(replace(model, servos={}, contacts=(), shapes=(), keyframes={}, sensors=()))
     spec = mujoco.MjSpec.from_string(_with_rotors(bare, servos if scene.gearbox == "mipsd" else {}))
     if floor is not None:
-        _lay(spec, model, floor, h)
+        _lay(spec, scene, floor, h)
         spec.option.impratio = real("floor: impratio", floor.impratio, 1e-3, 1e6, "1 is MuJoCo's default")
     thrown = np.zeros((0, 6)) if objects is None else objects(spec)
     laws = {name: one.controller for name, one in servos.items() if one.controller.law in TORQUE_LAWS}
@@ -452,8 +461,8 @@ def machine_of(
     m.eq_solref[loops], m.eq_solimp[loops, :2] = (2.0 * h, 1.0), 0.9999  # and loops hardly open
     driven = [servos.get(name) if name not in laws else None for name in model.joint_names]
     chain, drives = ServoChain(driven, h, model.supply), np.array([model.joint_rows[name] for name in laws], int)
-    return Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, drives, rigid.copy(), viscous, coulomb,
-                   loaded, free[:, None] + np.arange(7), thrown)  # fmt: skip
+    return Machine(m, mujoco.MjData(m), chain, q, v, motor, rotor, gears, drives, np.zeros(len(v)), rigid.copy(),
+                   viscous, coulomb, loaded, free[:, None] + np.arange(7), thrown)  # fmt: skip
 
 
 def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
@@ -486,17 +495,24 @@ def _actuate(spec: Any, name: str, law: Controller) -> None:
     )  # fmt: skip
 
 
-def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:
-    """Add the floor to the specification, and the geoms that touch it to the links."""
+def _lay(spec: Any, scene: CompiledScene, floor: Floor, h: float) -> None:
+    """Add the floor to the specification, where the scene's plane is, and the geoms that touch it to the links."""
     one_of("floor: soles", floor.soles, SOLES)
     time_constant = real("floor: time_constant", floor.time_constant, 2.0 * h, 1.0, "MuJoCo asks for two steps or more")
     friction = real("floor: friction", floor.friction, 0.0, 100.0, "1 is rubber")
+    model, ground = scene.model, scene.ground or Ground()
     if not model.contacts or model.base != "floating":
         raise ValueError(f"{model.name}: a floor is for a floating robot with contact points")
-    types = _mujoco().mjtGeom
+    other = {"steps": ground.steps, "velocity": ground.moves, "field": ground.field is not None}
+    found = [name for name, value in other.items() if value]
+    if found:
+        raise ValueError(f"ground: it has {found[0]}; MuJoCo's floor is a plane here: leave it out to compare")
+    normal, first, second = plane_axes(ground)
+    types, quat = _mujoco().mjtGeom, np.zeros(4)
+    _mujoco().mju_mat2Quat(quat, np.stack([first, second, normal], axis=1).ravel())
     spec.worldbody.add_geom(
         type=types.mjGEOM_PLANE, size=[0, 0, 1], friction=[friction, 0.005, 1e-4], solref=[time_constant, 1.0],
-        priority=1, contype=0, conaffinity=1,
+        priority=1, contype=0, conaffinity=1, pos=[0.0, 0.0, ground.height], quat=quat,
     )  # fmt: skip
     touching = {"contype": 1, "conaffinity": 0, "mass": 0.0, "solref": [time_constant, 1.0]}
     if floor.soles == "spheres":

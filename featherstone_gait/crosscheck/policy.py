@@ -98,7 +98,7 @@ def crosscheck_policy(
     command
         Velocity ahead and to the left [m/s] and about the vertical [rad/s].
     worlds, seed, doubts
-        Number of worlds, and what differs between them, as `judge` takes it but without slopes; None: nothing.
+        Number of worlds, and what differs between them, as `judge` takes it but without roughness; None: nothing.
     floor
         MuJoCo's floor; None: one with the friction of the robot's ground and a time constant of 10 ms.  In drawn worlds
         its time constant is as the root of the penetration, its friction the drawn one.
@@ -113,7 +113,7 @@ def crosscheck_policy(
     Raises
     ------
     ImportError, ValueError
-        As `replay` and `judge`; ValueError for ground that is no level floor at a height of zero.
+        As `replay` and `judge`; ValueError for ground that is no plane at rest.
     """
     instance("robot", robot, (CompiledScene, Model), "give what load_robot or compile_scene returns")
     scene = scene_of(robot) if isinstance(robot, Model) else robot
@@ -205,14 +205,8 @@ class _Robots:
 
 
 def _floor_of(scene: CompiledScene, floor: Floor, depth: float, h: float) -> Floor:
-    """Return MuJoCo's floor of a world, `floor` where its penetration is `depth`; raise ValueError for other ground."""
+    """Return MuJoCo's floor of a world, `floor` where its penetration is `depth`."""
     ground = scene.ground
     assert ground is not None
-    other = {"slope": ground.slope, "steps": ground.steps, "height": ground.height, "velocity": ground.moves}
-    other["field"] = ground.field is not None
-    found = [name for name, value in other.items() if value]
-    if found:
-        what = f"ground: it has {found[0]}, in the scene or drawn by doubts"
-        raise ValueError(f"{what}; MuJoCo's floor is level here: leave it out to compare")
     hard = floor.time_constant * math.sqrt(ground.penetration / depth)
     return replace(floor, time_constant=max(hard, 2.0 * h), friction=ground.friction)

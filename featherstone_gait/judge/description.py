@@ -28,10 +28,10 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arguments import floats, one_of, real, shown, texts, whole
+from ..base.arguments import floats, listed, one_of, real, shown, texts, truth, whole
 from ..base.brief import brief
 from ..base.files import FilePath
-from ..robot_file.toml import Wrong, check_keys, read_toml
+from ..robot_file.toml import Wrong, check_keys, read_toml, table_of
 
 BLOCKS = {  # what can be observed, and its width; None: one number a joint
     "base_lin_vel": 3,  # [m/s] of the base, in its axes; a robot needs an estimator for it
@@ -73,6 +73,8 @@ class Block:
     def __post_init__(self) -> None:
         one_of("observation: name", self.name, BLOCKS)
         what = f"observation {self.name!r}"
+        for key in ("scale", "offset", "phases", "values"):
+            _numbers(f"{what}: {key}", getattr(self, key))
         whole(f"{what}: history", self.history, 1, "1 is the present one alone", MOST_HISTORY)
         whole(f"{what}: zeros", self.zeros, 0, "0 is usual", 1000)
         for name, owner, needed in (("period", "phase", self.period), ("links", "contacts", self.links),
@@ -101,6 +103,15 @@ class Action:
     limits: bool = True  # whether references stay within the limits of the joints
 
     __repr__ = brief
+
+    def __post_init__(self) -> None:
+        _numbers("action: scale", self.scale)
+        for key in ("clip", "max_speed"):
+            real(f"action: {key}", getattr(self, key), 0.0, math.inf, "leave it out for none")
+        for key in ("lower", "upper"):
+            if np.isnan(floats(f"action: {key}", getattr(self, key), "give a number, or one for each joint")).any():
+                raise ValueError(f"action: {key} is {shown(getattr(self, key))}; give numbers, or leave it out")
+        truth("action: limits", self.limits)
 
 
 @dataclass(frozen=True)
@@ -209,10 +220,10 @@ def read_description(source: FilePath, metadata: Mapping[str, Any] | None = None
     try:
         own = read_toml(path)
         later, sooner = (own, says) if packaged else (says, own)
-        action = {**later.get("action", {}), **sooner.get("action", {})}
+        action = {**table_of(later, "action", ""), **table_of(sooner, "action", "")}
         return description_of({**later, **sooner, "action": action}, path.stem)
     except (Wrong, ValueError, TypeError) as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(f"{path}: {str(error).removeprefix(f'{path.stem}: ')}") from error
 
 
 def description_of(table: Mapping[str, Any], name: str) -> PolicyDescription:
@@ -225,25 +236,27 @@ def description_of(table: Mapping[str, Any], name: str) -> PolicyDescription:
     if missing:
         raise ValueError(f"{name}: it lacks {'; '.join(missing)}; add that to its description")
     blocks = []
-    for k, row in enumerate(table["observation"]):
+    for k, row in enumerate(listed("observation", table["observation"], "write each block under [[observation]]")):
         if not isinstance(row, Mapping) or "name" not in row:
-            raise ValueError(f"{name}: observation {k} has no name; give one of {', '.join(BLOCKS)}")
+            known = ", ".join(BLOCKS)
+            raise ValueError(f"{name}: observation {k} has no name; write [[observation]] and name = one of {known}")
         check_keys(row, tuple(f.name for f in fields(Block)), f"observation {row['name']}")
         blocks.append(Block(**{key: _frozen(value) for key, value in row.items()}))
-    action = table.get("action", {})
+    action = table_of(table, "action", "")
     check_keys(action, tuple(f.name for f in fields(Action)), "action")
-    numbers = {key: tuple(_numbers(f"{name}: {key}", table.get(key, ()))) for key in ("pose", "stiffness")}
+    numbers = {key: _numbers(f"{name}: {key}", table.get(key, ())) for key in ("pose", "stiffness")}
     return PolicyDescription(
-        tuple(texts(f"{name}: joints", table["joints"])), numbers["pose"], float(table["rate"]), tuple(blocks),
+        tuple(texts(f"{name}: joints", table["joints"])), numbers["pose"], table["rate"], tuple(blocks),
         Action(**{key: _frozen(value) for key, value in action.items()}), name, numbers["stiffness"],
     )  # fmt: skip
 
 
-def _numbers(what: str, given: Any) -> list[float]:
-    found = np.asarray(floats(what, list(given) or np.zeros(0), "give numbers"))
+def _numbers(what: str, given: Any) -> tuple[float, ...]:
+    """Return a number or a list of numbers as a tuple; raise ValueError for others."""
+    found = np.atleast_1d(floats(what, given, "give numbers"))
     if found.ndim != 1 or not np.isfinite(found).all():
         raise ValueError(f"{what} is {shown(given)}; give finite numbers")
-    return found.tolist()
+    return tuple(found.tolist())
 
 
 def _frozen(value: Any) -> Any:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..base.arguments import real
 from ..base.files import FilePath
-from ..robot_file.toml import check_keys, read_toml
+from ..robot_file.toml import check_keys, read_toml, table_of
 from ..run.worlds import Worlds
 from ..scene.compile import CompiledScene
 from ..study.draws import OFFSET, read_draws
@@ -100,8 +100,9 @@ def draw_worlds(
     scene: CompiledScene, count: int, seed: int = 0, source: FilePath | Mapping[str, Any] | None = None,
     reach: float = 3.0,
 ) -> Drawn:  # fmt: skip
-    """Draw worlds; source: a TOML file or its tables, None for the default, of which what does not apply is left out.
+    """Draw worlds; source: a TOML file or its tables, None for the default.
 
+    A table that does not apply to the robot is left out if it is as in the default.
     reach: how far from the start a rough ground goes on, to each side [m].
 
     Raises ValueError, naming file and key.
@@ -113,10 +114,12 @@ def draw_worlds(
         numbers = _numbers(table)
         if numbers.height:
             _check_roughness(scene, numbers, count, reach)
-        given, left_out = _applying(scene, table.get("worlds", {}), source is None)
+        given, left_out = _applying(scene, table_of(table, "worlds", ""))
         found = read_draws(given, scene) if given else ()
     except ValueError as error:
-        raise error if isinstance(path, Mapping) else ValueError(f"{path}: {error}") from error
+        if isinstance(path, Mapping):
+            raise
+        raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
     tables: dict[str, Any] = {}
     offset = np.zeros((count, len(scene.model.joint_names)))
     for draw in found:
@@ -178,7 +181,7 @@ def _generator(seed: int, name: str) -> np.random.Generator:
 def _numbers(table: Mapping[str, Any]) -> Numbers:
     given: dict[str, float] = {}
     for name, keys in TABLES.items():
-        own = table.get(name, {})
+        own = table_of(table, name, "")
         check_keys(own, tuple(keys), name)
         given |= {key: real(f"{name}.{key}", value, 0.0, 1e6, "0 is none of it") for key, value in own.items()}
     real("link.lost", given.get("lost", 0.0), 0.0, 0.9, "it is a share")
@@ -186,27 +189,32 @@ def _numbers(table: Mapping[str, Any]) -> Numbers:
     return Numbers(**given)
 
 
-def _applying(scene: CompiledScene, table: Mapping[str, Any], default: bool) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the tables that apply to a scene, and why others do not; those of a user's file all have to."""
-    if not default:
-        return dict(table), {}
-    kept: dict[str, Any] = {}
-    left_out: dict[str, str] = {}
-    for section, inner in table.items():
-        for key, spread in inner.items():
-            if section == "servos" and key in MOTOR and not scene.sampled:
-                left_out[f"{section}.{key}"] = "the servos have no motor"
-                continue
-            if section == "servos" and key == "voltage_limit" and scene.constants.supply is not None:
-                left_out[f"{section}.{key}"] = "the supply's voltage is drawn"
-                continue
-            try:
-                read_draws({section: {key: spread}}, scene)
-            except ValueError as error:
-                left_out[f"{section}.{key}"] = str(error)
-            else:
-                kept.setdefault(section, {})[key] = spread
+def _applying(scene: CompiledScene, table: dict[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the tables without those of the default file that do not apply to a scene, and why these do not."""
+    kept, left_out = dict(table), dict[str, str]()
+    for section, usual in read_toml(DEFAULT)["worlds"].items():
+        given = table.get(section)
+        if isinstance(given, dict):
+            common = [key for key in given if given[key] == usual.get(key)]
+            why = {key: text for key in common if (text := _without(scene, section, key, given[key]))}
+            left_out |= {f"{section}.{key}": text for key, text in why.items()}
+            kept[section] = {key: spread for key, spread in given.items() if key not in why}
+            if why and not kept[section]:
+                del kept[section]
     return kept, left_out
+
+
+def _without(scene: CompiledScene, section: str, key: str, spread: dict[str, Any]) -> str:
+    """Say why a distribution does not apply to a scene; "" if it does."""
+    if section == "servos" and key in MOTOR and not scene.sampled:
+        return "the servos have no motor"
+    if section == "servos" and key == "voltage_limit" and scene.constants.supply is not None:
+        return "the supply's voltage is drawn"
+    try:
+        read_draws({section: {key: spread}}, scene)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def _factors(scene: CompiledScene, worlds: Worlds, sensing: Sensing, delay: np.ndarray) -> dict[str, np.ndarray]:

@@ -14,7 +14,7 @@ from ..base.files import FilePath, Format, write_csv
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from .meter import FIGURES
-from .statistics import DOUBT, NEEDED, Cause, causes, wilson
+from .statistics import DOUBT, FEWEST, NEEDED, Cause, causes, wilson
 
 if TYPE_CHECKING:
     from ..view.page import Page
@@ -152,21 +152,31 @@ class Judgment:
 
     def why(self) -> str:
         """Say what it breaks on, in a sentence."""
-        found = self.causes
-        failing = len(self.verdicts) - self.walking - self.unknown
-        if not found:
-            said = f"{failing} of {len(self.verdicts)} worlds fail, too few to compare" if failing else "no world fails"
-            said = "no world walks, so none can be compared" if not self.walking else said
-        elif found[0].chance > DOUBT:
-            said = f"no factor stands out; {found[0].name} differs most (delta {found[0].effect:+.2f})"
-        else:
-            one = found[0]
-            said = (
-                f"{one.name}: median {one.failing:.4g} where it fails, {one.others:.4g} where it walks "
-                f"(Cliff's delta {one.effect:+.2f})"
-            )
         joint = self.saturates_first
-        return f"{said}; {'no joint is saturated' if joint is None else f'{joint} is saturated first'}"
+        return f"{self._differs()}; {'no joint is saturated' if joint is None else f'{joint} is saturated first'}"
+
+    def _differs(self) -> str:
+        """Say by what the worlds in which it fails differ from the others, or why that is not known."""
+        falls, stands = ((self.verdicts == name) for name in ("falls", "stands"))
+        failing, walking, count, found = int((falls | stands).sum()), self.walking, len(self.verdicts), self.causes
+        if not failing:
+            return "no world fails" if walking else "no verdict is known"
+        if not found:
+            said = "it walks in no world" if not walking else "no factor was drawn by which worlds could be compared"
+            if 0 < walking < FEWEST:
+                said = f"it walks in only {walking} of {count} worlds, too few to compare with those in which it fails"
+            elif failing < FEWEST <= walking:
+                said = f"it fails in only {failing} of {count} worlds, too few to compare with the others"
+            how = [f"it stands in {stands.sum()}"] if stands.any() else []
+            if falls.any():
+                how.append(f"it falls in {falls.sum()}, after {np.median(self.worlds['time'][falls]):.2g} s (median)")
+            return f"{said}: {', '.join(how)}"
+        if found[0].chance > DOUBT:
+            return f"no factor stands out; {found[0].name} differs most (delta {found[0].effect:+.2f})"
+        return (
+            f"{found[0].name}: median {found[0].failing:.4g} where it fails, {found[0].others:.4g} where it walks "
+            f"(Cliff's delta {found[0].effect:+.2f})"
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return what was found, as a dictionary of plain numbers and texts, None for what is no number."""
@@ -229,7 +239,9 @@ class Judgment:
         lines = ["", f"{'where it walks':42}{'median':>11}{'quartiles':>24}"]
         for name, (unit, what) in FIGURES.items():
             middle, first, last = self.spread(name)
-            lines.append(f"{what + f' [{unit}]':42}{middle:11.4g}{f'{first:.4g} to {last:.4g}':>24}")
+            known = math.isfinite(middle)  # clearance is not where no foot swings
+            cells = (f"{middle:.4g}", f"{first:.4g} to {last:.4g}") if known else ("-", "-")
+            lines.append(f"{what + f' [{unit}]':42}{cells[0]:>11}{cells[1]:>24}")
         return lines
 
     def _of_joints(self) -> list[str]:

@@ -7,6 +7,7 @@ import numpy as np
 from ..base.fixed_order import applied, total
 from ..base.portable_math import angle as angle_of
 from ..base.portable_math import sincos
+from ..core.effects.energies import WORK
 from ..core.step.state import BY_NAME
 from ..dynamics import Poses, contact_positions_at, forward_kinematics
 from ..run.session import Session
@@ -38,7 +39,7 @@ LABELS = BY_NAME["energy"].labels
 
 def measured_channels(scene: CompiledScene) -> tuple[str, ...]:
     """Return the channels that a `Meter` reads of a session's scene."""
-    motor = ("voltage", "current") if scene.sampled else ()
+    motor = ("voltage", "current") if scene.sampled else ("energy",)
     return ("q", "qd", "base_q", "base_qd", "torque", "contact_force", *motor)
 
 
@@ -50,7 +51,7 @@ class Meter:
 
     def __init__(self, robots: Session, seen: dict[str, np.ndarray], direction: np.ndarray, sample: float) -> None:
         scene, n, joints = robots.scene, robots.n, robots.scene.tree.n
-        self._robots, self._sample, self._direction = robots, sample, direction
+        self._robots, self._direction = robots, direction
         self._motor = bool(scene.sampled)
         self._limit = np.array([self._limits(one) for one in robots.scenes])
         self._place, self._yaw = seen["base_q"][:, :2].copy(), _yaw(seen["base_q"])
@@ -59,7 +60,7 @@ class Meter:
         self._up = np.array(scene.upright)
         links = np.array([point.link for point in scene.model.contacts])
         self._soles = [np.flatnonzero(links == one) for one in dict.fromkeys(links.tolist())]
-        self.positive = np.zeros((n, joints))  # [J] mechanical work of the servos where it is positive
+        self.positive, self._work = np.zeros((2, n, joints))  # [J] work of servos: in samples with more than 0, in all
         self.peak_torque, self.squares, self.peak_current, self.saturated = np.zeros((4, n, joints))
         self.first = np.full((n, joints), np.inf)  # [s] when each joint was saturated first
         self._floors = Floors([one.ground for one in robots.scenes if one.ground is not None])
@@ -107,10 +108,13 @@ class Meter:
         torque = np.abs(seen["torque"])
         self.samples += m[:, 0]
         self.squares += m * torque**2
-        self.positive += m * self._sample * np.maximum(seen["torque"] * seen["qd"], 0.0)
         np.maximum(self.peak_torque, m * torque, out=self.peak_torque)
         if self._motor:
             np.maximum(self.peak_current, m * np.abs(seen["current"]), out=self.peak_current)
+        else:
+            work = seen["energy"].reshape(len(m), -1, len(LABELS))[..., WORK]
+            self.positive += m * np.maximum(work - self._work, 0.0)
+            self._work = work.copy()
         full = (np.abs(seen["voltage"]) if self._motor else torque) >= FULL * self._limit
         full &= moving[:, None]
         self.saturated += full

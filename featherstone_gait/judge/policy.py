@@ -79,9 +79,7 @@ class Policy:
         return found
 
 
-def load_policy(
-    source: Any, model: Model, description: FilePath | PolicyDescription | None = None, *, name: str | None = None
-) -> Policy:
+def load_policy(source: Any, model: Model, description: FilePath | PolicyDescription | None = None) -> Policy:
     """Make a policy of a file, a gait, a function or a compiled controller.
 
     Parameters
@@ -95,13 +93,11 @@ def load_policy(
     description
         A `PolicyDescription`, a TOML file, or the name of one of the package; of an ONNX file whose metadata say all,
         and of gaits, None.
-    name
-        Its name in tables; None: that of the file or function.
 
     Returns
     -------
     Policy
-        The policy.
+        The policy, under the name of the file or function.
 
     Raises
     ------
@@ -114,7 +110,7 @@ def load_policy(
     if isinstance(source, Policy):
         found = source
     elif isinstance(source, CompiledController):
-        found = Policy(_nothing, _described(description, model) or _still(model), source.name, source)
+        found = Policy(_nothing, _described(description) or _still(model), source.name, source)
     elif isinstance(source, Motion | BalancedWalk):
         found = _open_loop(source, "gait")
     elif isinstance(source, (str, Path)):
@@ -127,11 +123,10 @@ def load_policy(
             raise ValueError(f"policy {path}: give an .onnx file, or a gait as .npz or .csv")
     else:
         functions(policy=source)
-        own = _described(description, model)
+        own = _described(description)
         if own is None:
             raise ValueError("policy: a function needs its description: name a TOML file, or one of the package")
         found = Policy(source, own, getattr(source, "__name__", "policy"))
-    found = Policy(found.act, found.description, name or found.name, found.controller)
     unknown = [one for one in found.description.joints if one not in model.joint_names]
     if unknown:
         known = ", ".join(model.joint_names)
@@ -142,7 +137,7 @@ def load_policy(
     return found
 
 
-def _described(given: FilePath | PolicyDescription | None, model: Model) -> PolicyDescription | None:
+def _described(given: FilePath | PolicyDescription | None) -> PolicyDescription | None:
     return given if given is None or isinstance(given, PolicyDescription) else read_description(given)
 
 
@@ -199,6 +194,7 @@ def _of_network(path: Path, model: Model, given: FilePath | PolicyDescription | 
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4  # errors are raised, and need not be printed too
         session = InferenceSession(network.SerializeToString(), options, providers=["CPUExecutionProvider"])
+        size, answers = (one.type.tensor_type.shape.dim[1].dim_value for one in (inputs, output))
     except Exception as error:
         raise ValueError(
             f"{path}: no network with one input and one output ({clean(error)}); export the policy alone, as one that "
@@ -206,7 +202,6 @@ def _of_network(path: Path, model: Model, given: FilePath | PolicyDescription | 
         ) from error
     metadata = {one.key: one.value for one in network.metadata_props}
     description = given if isinstance(given, PolicyDescription) else _of_metadata(path, metadata, model, given)
-    size, answers = (one.type.tensor_type.shape.dim[1].dim_value for one in (inputs, output))
     for what, number, own in (("observes", size, description.size), ("answers", answers, len(description.joints))):
         if number and number != own:
             raise ValueError(
@@ -217,7 +212,7 @@ def _of_network(path: Path, model: Model, given: FilePath | PolicyDescription | 
     def answer(observations: np.ndarray) -> np.ndarray:
         return session.run([output.name], {inputs.name: observations})[0]
 
-    rows = ROWS if _takes(answer, ROWS, description.size) else 1
+    rows = _most_rows(answer, description, path)
 
     def act(observations: np.ndarray) -> np.ndarray:
         n = len(observations)
@@ -228,12 +223,19 @@ def _of_network(path: Path, model: Model, given: FilePath | PolicyDescription | 
     return Policy(act, description, path.stem)
 
 
-def _takes(answer: Callable[[np.ndarray], np.ndarray], rows: int, size: int) -> bool:
-    """Return whether a network answers so many observations at once; within, some keep the one row of their export."""
-    try:
-        return len(answer(np.zeros((rows, size), np.float32))) == rows
-    except Exception:  # of its library, which has no common class for them
-        return False
+def _most_rows(answer: Callable[[np.ndarray], np.ndarray], description: PolicyDescription, path: Path) -> int:
+    """Return how many observations a network answers at once: some keep the one row of their export."""
+    for rows in (ROWS, 1):
+        try:
+            if len(answer(np.zeros((rows, description.size), np.float32))) == rows:
+                return rows
+            said = "not as many answers"
+        except Exception as error:  # of its library, which has no common class for them
+            said = clean(error)
+    raise ValueError(
+        f"{path}: it does not answer {description.size} numbers, which {description.name} observes ({said}): correct "
+        "the description, or export the policy with an input (1, size) of float32 and an output (1, joints)"
+    )
 
 
 def clean(error: Exception) -> str:
@@ -244,14 +246,15 @@ def clean(error: Exception) -> str:
 def _of_metadata(path: Path, metadata: dict[str, str], model: Model, given: FilePath | None) -> PolicyDescription:
     """Return the description of a network, of what is given and of its metadata."""
     table: dict[str, Any] = {}
-    if "joint_names" in metadata:
-        table["joints"] = metadata["joint_names"].split(",")
-    if "default_joint_pos" in metadata:
-        table["pose"] = [float(number) for number in metadata["default_joint_pos"].split(",")]
-    if "observation_names" in metadata:
-        table["observation"] = [{"name": name} for name in metadata["observation_names"].split(",")]
-    if "action_scale" in metadata:
-        scale = [float(number) for number in metadata["action_scale"].split(",")]
+    lists = {key: text.split(",") for key, text in metadata.items()}
+    if "joint_names" in lists:
+        table["joints"] = lists["joint_names"]
+    if "default_joint_pos" in lists:
+        table["pose"] = _numbers(path, "default_joint_pos", lists)
+    if "observation_names" in lists:
+        table["observation"] = [{"name": name} for name in lists["observation_names"]]
+    if "action_scale" in lists:
+        scale = _numbers(path, "action_scale", lists)
         table["action"] = {"scale": scale if len(scale) > 1 else scale[0]}
     if given is None:
         fits = [name for name in packaged_descriptions() if _same_joints(name, table, model)]
@@ -263,6 +266,14 @@ def _of_metadata(path: Path, metadata: dict[str, str], model: Model, given: File
             )
         given = fits[0]
     return read_description(given, table)
+
+
+def _numbers(path: Path, key: str, lists: dict[str, list[str]]) -> list[float]:
+    try:
+        return [float(number) for number in lists[key]]
+    except ValueError as error:
+        said = f"its metadata has {key} = {','.join(lists[key])[:80]!r}"
+        raise ValueError(f"{path}: {said}; expected numbers with commas between: export it anew") from error
 
 
 def _same_joints(name: str, table: dict[str, Any], model: Model) -> bool:

@@ -182,11 +182,6 @@ def stiffness(servo: Servo) -> float:
     return law.Kp * (1.0 if law.law in TORQUE_LAWS else servo.motor_constant * servo.gearbox.ratio / servo.resistance)
 
 
-def _file_ranges(model: Model, joints: Sequence[str]) -> np.ndarray:
-    """Return the least and the largest reference (2, joints) that the engine of the robot's file lets through."""
-    return np.array([model.references.get(name, (-np.inf, np.inf)) for name in joints]).reshape(-1, 2).T
-
-
 class Rolled(NamedTuple):
     """Results of all worlds."""
 
@@ -237,7 +232,7 @@ class _Actuator:
         free = np.full(len(names), np.inf)
         self.low, self.high = (low, high) if own.limits else (-free, free)
         self.low, self.high = np.maximum(self.low, own.lower), np.minimum(self.high, own.upper)
-        least, most = _file_ranges(model, names)
+        least, most = np.array([model.references.get(name, (-np.inf, np.inf)) for name in names]).reshape(-1, 2).T
         self.low, self.high = np.clip((self.low, self.high), least, most)
         self.action, self.pose, self.offset = own, np.array(policy.description.pose), drawn.sensing.offset
         self.most = own.max_speed * timing.period * tick

@@ -44,7 +44,7 @@ from .observation import Log, SampledView, view_of
 from .prepare import coordinates, each_once, most_ticks, prepare, steps_between_records, with_tolerance
 from .program import CompiledController, open_loop, with_ticks
 from .reference import Reference
-from .start import check_scene, driven_lengths
+from .start import check_scene, driven_lengths, initial_state
 from .status import Status
 from .switch import WITHIN, checked_command, drive_number, switch_loop
 from .trajectory import Trajectory, of_second_run
@@ -192,6 +192,7 @@ class Session:
         self._issued = np.zeros((int(self._lags.max()) + 1, self.n, self.scene.commanded))  # commands of the last ticks
         self._ticks, self._robots = 0, np.arange(self.n)
         self._fresh = np.zeros(self.n, bool)  # robots without a command since their start
+        self._default, self._told = np.zeros(self.n, bool), False  # robots at a start that nobody chose
         self._any_fresh, self._inaccurate = False, np.zeros(self.n, bool)
         self.reset()
 
@@ -243,6 +244,7 @@ class Session:
                 for group in fleet.groups:
                     group.begin(who, states)
             self._fresh |= who
+            self._default[who] = state is None
             self._inaccurate &= ~who
             self._any_fresh = True
             if who.all():
@@ -266,6 +268,7 @@ class Session:
         with self._alone():
             who = self._mask(mask)
             one_of("name", name, coordinates(self.scene))
+            self._default &= ~who
             whole_q = name == "q" and self.scene.tree.balls is not None
             width = len(self.scene.model.position_names) if whole_q else np.ptp(self.scene.part(name))
             given = floats(name, values, f"give numbers of shape ({self.n}, {width})")
@@ -533,6 +536,9 @@ class Session:
     def _first(self, command: np.ndarray | None) -> np.ndarray:
         """Return the command of a step in which some robots begin, who have had it ever since."""
         fresh = self._fresh
+        if not self._told and (self._default & fresh).any():
+            initial_state(self._runs[int((self._default & fresh).argmax())].scene)  # warns of joints beyond limits
+            self._told = True
         if command is None:
             command = self._held()
         self._issued[:, fresh] = command[fresh]
@@ -653,6 +659,7 @@ class Session:
         with self._alone():
             other = Session(**self._given)
             other._take(self._kept())
+            other._default, other._told = self._default.copy(), self._told
             other._log = self._log.copy(other._runs)
             return other
 
@@ -878,7 +885,7 @@ def _deviations(scene: CompiledScene, noise: Any) -> np.ndarray | None:
 
 def _initial_states(runs: Sequence[CompiledRun]) -> np.ndarray:
     """Return the states (n, length) at which robots begin."""
-    found = each_once(lambda run: run.start().y, runs)
+    found = each_once(lambda run: run.start(initial_state(run.scene, allow_limit_violation=True)).y, runs)
     if len({len(y) for y in found}) > 1:
         raise ValueError(
             "worlds: their states differ in length, since servos wait for other numbers of ticks: let delays not differ"

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .options import SceneOptions
 
 TWO_DEPTHS = 2.0  # of resting, which are no sinking in, however thin a body is
-SUNK = 0.1  # of its standing height, from where on a robot on a plane is too deep in it whatever presses it
+SUNK = 0.1  # of its standing height, from where on a robot is too deep in the ground whatever presses it
 
 
 def build_contact(model: Model, tree: Tree, options: SceneOptions) -> Contact | None:
@@ -135,11 +135,11 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
 def _usual_depth(model: Model, ground: Ground) -> float:
     """Return how deep a contact point may be however thin its link is [m].
 
-    On a height field it is two depths at rest.  A plane has no far side on which a foot could come out: it may be as
-    deep as twice the robot's weight presses one point in, for a robot on the edge of a foot rests on few of its points,
-    but not deeper than a share of its standing height.
+    The ground has no far side on which a foot could come out: a point may be as deep as twice the robot's weight
+    presses one point in, for a robot on the edge of a foot, or on rough ground, rests on few of its points, but not
+    deeper than a share of its standing height.
     """
-    if ground.field is not None or model.base == "fixed":
+    if model.base == "fixed":
         return TWO_DEPTHS * ground.penetration
     points = sum(point.load_bearing for point in model.contacts) or len(model.contacts)
     on_one = min(TWO_DEPTHS * points * ground.penetration, SUNK * standing_posture(model)[0])

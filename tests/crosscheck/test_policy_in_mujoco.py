@@ -8,7 +8,7 @@ import pytest
 from featherstone_gait import Controller, Ground, Servo, cli, compile_scene, load_robot, save_robot
 from featherstone_gait.benchmark.little_biped import NETWORK, little_biped
 from featherstone_gait.crosscheck import Floor, crosscheck_policy
-from featherstone_gait.judge import load_policy
+from featherstone_gait.judge import Policy, load_policy
 from featherstone_gait.judge.run import scene_of
 from featherstone_gait.model import Gearbox
 from featherstone_gait.robot_file.source import robots_folder
@@ -25,6 +25,10 @@ UNITS = {
     "links": {"mass": {"kind": "lognormal", "scale": 0.05}},
     "reference": {"offset": {"kind": "uniform", "scale": 0.01}},
 }
+SLOPES = {
+    "slope": {"kind": "uniform", "scale": 0.02, "additive": True},
+    "heading": {"kind": "uniform", "scale": 3.14, "additive": True},
+}
 
 
 @pytest.mark.long
@@ -38,11 +42,26 @@ def test_a_network_walks_as_fast_and_takes_as_much_in_mujoco_as_here(time_consta
 
 
 @pytest.mark.long
-def test_drawn_units_take_as_much_in_mujoco_as_here():
-    found = crosscheck_policy(NETWORK, little_biped(), 3.0, worlds=8, doubts={"worlds": UNITS}, **HOW)
+def test_drawn_units_and_slopes_take_as_much_in_mujoco_as_here():
+    units = UNITS | {"ground": UNITS["ground"] | SLOPES}
+    found = crosscheck_policy(NETWORK, little_biped(), 3.0, worlds=8, doubts={"worlds": units}, **HOW)
     off = found.mujoco["power"] / found.own.worlds["power"] - 1.0
     assert np.median(np.abs(off)) < 0.03 < np.ptp(found.own.worlds["power"]) / found.own.worlds["power"].mean()
     assert "walks                            8           8" in found.table()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("slope", "heading"), [(0.1, 0.0), (-0.1, 0.0), (0.1, 1.6)], ids=["up", "down", "across"])
+def test_it_slides_down_a_slippery_slope_in_mujoco_as_here(slope, heading):
+    """The plane is tilted about a point 0.1 m high; a block would slide 0.25 m, servos that give way add to that."""
+    robot = little_biped()
+    network = load_policy(NETWORK, robot, **HOW)
+    still = Policy(lambda seen: np.zeros((len(seen), 14)), network.description, "still")
+    ground = Ground(friction=0.05, penetration=1e-4, slope=slope, heading=heading, height=0.1)
+    found = crosscheck_policy(still, scene_of(robot).recompiled(ground=ground), 1.0)
+    theirs, ours = (worlds["way"][0] + 1j * worlds["aside"][0] for worlds in (found.mujoco, found.own.worlds))
+    assert abs(theirs - ours) < 0.01 < 0.25 < abs(ours)  # [m]
+    assert found.mujoco["largest_tilt"] == pytest.approx(found.own.worlds["largest_tilt"], rel=0.01)
 
 
 @pytest.mark.long
@@ -69,11 +88,11 @@ def test_pushes_and_drawn_units_cost_the_same_in_mujoco():
 
 def test_what_mujoco_cannot_be_given_is_refused():
     robot = little_biped()
-    scene, slope = scene_of(robot), {"kind": "uniform", "scale": 0.1, "additive": True}
+    scene = scene_of(robot)
     law = Servo(Controller("pd", 4.0, Kd=0.05))
     own = load_policy(NETWORK, robot, **HOW)
     for policy, on, more, said in [
-        (own, scene, {"doubts": {"worlds": {"ground": {"slope": slope}}}}, "ground: it has slope"),
+        (own, scene, {"doubts": {"roughness": {"height": 0.01}}}, "ground: it has field"),
         (own, scene.recompiled(ground=Ground(steps=((1.0, 0.01),))), {}, "ground: it has steps"),
         (own, scene.recompiled(ground=None), {}, "there is no ground"),
         (own, replace(robot, servos=dict.fromkeys(robot.servos, law)), {}, "the torque law 'pd'"),

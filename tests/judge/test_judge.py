@@ -1,7 +1,6 @@
 """Policies judged in many worlds: the humanoid with its stored gait, and with policies that fail."""
 
 import csv
-import itertools
 import json
 import math
 from dataclasses import replace
@@ -9,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import found_in
+from feet import steps_of
 
 from featherstone_gait import Ground, Session, cli, compile_scene, controller, load_robot, load_servo, standing_state
-from featherstone_gait.dynamics import center_of_mass, contact_positions_at, forward_kinematics
 from featherstone_gait.judge import Policy, PolicyDescription, compare, judge, load_policy
 from featherstone_gait.judge.comparison import paired
 from featherstone_gait.judge.description import Action, Block
-from featherstone_gait.judge.doubts import draw_worlds
+from featherstone_gait.judge.doubts import DEFAULT, draw_worlds
 from featherstone_gait.judge.page import report_of
 from featherstone_gait.judge.run import Timing, _Actuator
 from featherstone_gait.judge.statistics import wilson
 from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.robot_file.source import robots_folder
-from featherstone_gait.scene.contact import plane_axes
+from featherstone_gait.robot_file.toml import read_toml
 from featherstone_gait.walking.feedback import read_walk
 
 GAIT = robots_folder() / "humanoid" / "optimized_gait.npz"
@@ -138,32 +137,6 @@ def test_worlds_that_are_looked_at_again_are_the_same_and_fill_a_page(walked, tm
     assert all(caption in page.html for caption in walked.shown_worlds())
 
 
-def steps_of(run, scene):
-    """Clearances of all swings, slip [m] and share of time near a fall, from a trajectory at the judgment's samples."""
-    model, q = scene.model, np.hstack([run["base_q"], run["q"]])
-    poses, force = forward_kinematics(model, q), run["contact_force"][:, :, 0]
-    points, heights, slip = contact_positions_at(model, poses), [], 0.0
-    links = [point.link for point in model.contacts]
-    up, level = plane_axes(scene.ground)[0], scene.ground.height * plane_axes(scene.ground)[0, 2]
-    for foot in dict.fromkeys(links):
-        own = [k for k, link in enumerate(links) if link == foot]
-        on = np.flatnonzero((force[:, own] > 0.0).any(axis=1))
-        for a, b in itertools.pairwise(on):
-            if b - a > 0.1 / 0.01:
-                heights.append((points[a + 1 : b, own] @ up - level).min(axis=1).max())
-    rows = [model.link_index(link) for link in links]
-    for k in range(len(q) - 1):
-        load = np.minimum(force[k], force[k + 1])
-        R, other = poses.rotation[k, rows], poses.rotation[k + 1, rows]
-        arm = np.einsum("pji,pj->pi", R, points[k] - poses.position[k, rows])
-        moved = poses.position[k + 1, rows] + np.einsum("pij,pj->pi", other, arm) - points[k]
-        along = np.linalg.norm(moved - np.outer(moved @ up, up), axis=1)
-        slip += load @ along / load.sum() if load.any() else 0.0
-    near = center_of_mass(model, q) @ up - level < 0.8 * scene.fall_height / 0.6
-    tilted = poses.rotation[:, 0, 2, 2] < math.cos(math.radians(22.5))
-    return heights, slip, (near | tilted)[1:].mean()
-
-
 def test_steps_are_measured_as_in_the_trajectories_of_the_worlds(walked):
     assert (walked.worlds["clearance"] > 0.01).any()
     for number, run, scene in zip((0, 5), walked.runs([0, 5]), walked.scenes([0, 5])):
@@ -213,9 +186,13 @@ def test_worlds_that_ended_otherwise_than_by_a_fall_count_as_either(walked, tmp_
     assert "3 worlds, which count as either; the first: too deep" in found.table()
     everything = replace(found, verdicts=np.full(16, "unknown"))
     assert (everything.verdict, math.isnan(everything.share)) == ("undecided", True)
-    assert len(everything.table()) > 100
+    assert everything.why().startswith("no verdict is known; ")
     assert not everything.shown_worlds()
     assert "too deep" in everything.page(tmp_path / "none.html").html  # which shows no robot
+    few = replace(walked, verdicts=np.array(["walks"] * 3 + ["falls"] * 12 + ["stands"]))
+    assert few.why().startswith("it walks in only 3 of 16 worlds, too few to compare with those in which it fails: it ")
+    assert "it stands in 1, it falls in 12, after 3 s (median); " in few.why()
+    assert found.why().startswith("it fails in only 3 of 16 worlds, too few to compare with the others: it falls in 3")
     assert found.shown_worlds()
     assert all(verdicts[k] != "unknown" for k in found.shown_worlds().values())
 
@@ -290,7 +267,7 @@ def test_a_policy_that_never_walks_breaks_without_a_number(scene):
     assert (fallen.walking, fallen.verdict) == (0, "breaks")
     assert (fallen.verdicts == "falls").all()
     assert (fallen.worlds["time"] < 1.5).all()
-    assert "no world walks" in fallen.table()
+    assert fallen.why().startswith("it walks in no world: it falls in 8, after 0.")
     assert math.isnan(fallen.spread("energy_per_way")[0])
     found = json.loads(json.dumps(fallen.as_dict(), allow_nan=False))
     assert found["median_and_quartiles"]["energy_per_way"] == [None] * 3
@@ -341,6 +318,7 @@ def test_a_policy_that_answers_no_action_is_told_by_joint_world_and_time(act, sa
         ({"command": (0.1, 0.0)}, "command must be 3"),
         ({"doubts": {"worlds": {"ground": {"frction": WIDE}}}}, "frction"),
         ({"doubts": {"sensing": {"gyro": 1.0}}}, "unknown key 'gyro'"),
+        ({"doubts": {"sensing": 3}}, "sensing is 3; expected a table"),
         ({"doubts": {"link": {"lost": 2.0}}}, "link.lost is 2.0"),
         ({"doubts": {"roughness": {"height": 0.01, "cell": 1e-3}}}, "roughness.cell is 0.001 m.*give a cell of"),
         ({"doubts": {"worlds": {"servos": {"backlash": {"kind": "uniform"}}}}}, "worlds.servos.backlash"),
@@ -349,6 +327,18 @@ def test_a_policy_that_answers_no_action_is_told_by_joint_world_and_time(act, sa
 def test_what_is_out_of_range_is_refused_by_name(how, said, scene):
     with pytest.raises(ValueError, match=said):
         judge(GAIT, scene, **how)
+
+
+def test_a_copy_of_the_default_worlds_draws_what_these_do(scene):
+    """This robot has neither supply nor backlash: lines about them are left out as they are, and refused if changed."""
+    own, usual = read_toml(DEFAULT), draw_worlds(scene, 4)
+    copied = draw_worlds(scene, 4, 0, own)
+    assert copied.left_out == usual.left_out
+    assert {"supply.voltage", "supply.resistance", "servos.backlash"} == {*copied.left_out}
+    assert all(np.array_equal(values, usual.factors[name]) for name, values in copied.factors.items())
+    own["worlds"]["supply"]["voltage"]["scale"] = 0.2
+    with pytest.raises(ValueError, match="supply"):
+        draw_worlds(scene, 4, 0, own)
 
 
 def test_a_rate_that_does_not_fit_the_servos_is_refused_with_one_that_does(scene):

@@ -28,7 +28,7 @@ def measured(base_q, force=1.0, **how):
     )  # fmt: skip
     seen = [
         {"q": np.zeros((1, 1)), "qd": np.zeros((1, 1)), "base_q": row[None], "torque": np.zeros((1, 1)),
-         "contact_force": np.full((1, 1, 3), force)}
+         "contact_force": np.full((1, 1, 3), force), "energy": np.zeros((1, 1, len(LABELS)))}
         for row in base_q
     ]  # fmt: skip
     meter = Meter(session, seen[0], np.array([1.0, 0.0]), STEP)

@@ -108,6 +108,18 @@ def test_what_is_no_network_is_told(tmp_path):
     (tmp_path / "text.onnx").write_text("no network", "utf-8")
     with pytest.raises(ValueError, match=r"text\.onnx: no network with one input"):
         load_policy(tmp_path / "text.onnx", ROBOT, DESCRIPTION)
+    flat = onnx.load(network(tmp_path / "flat.onnx"))
+    del flat.graph.input[0].type.tensor_type.shape.dim[1:]
+    onnx.save(flat, tmp_path / "flat.onnx")
+    with pytest.raises(ValueError, match=r"flat\.onnx: no network with one input"):
+        load_policy(tmp_path / "flat.onnx", ROBOT, DESCRIPTION)
+    free = onnx.load(network(tmp_path / "free.onnx"))
+    free.graph.input[0].type.tensor_type.shape.dim[1].dim_param = "any"
+    onnx.save(free, tmp_path / "free.onnx")
+    with pytest.raises(ValueError, match=r"free\.onnx: it does not answer 10 numbers"):
+        load_policy(tmp_path / "free.onnx", ROBOT, replace(DESCRIPTION, observation=(Block("joint_pos"),)))
+    with pytest.raises(ValueError, match=r"says\.onnx: its metadata has action_scale = '0.2,x'"):
+        load_policy(network(tmp_path / "says.onnx", {"action_scale": "0.2,x"}), ROBOT)
     with pytest.raises(ValueError, match=r"absent\.onnx: there is no such file"):
         load_policy(tmp_path / "absent.onnx", ROBOT, DESCRIPTION)
     with pytest.raises(ValueError, match=r"policy\.pt: give an \.onnx file"):

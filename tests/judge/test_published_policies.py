@@ -22,7 +22,6 @@ judged = importlib.import_module("judged")
 pytestmark = [
     pytest.mark.long,
     pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning"),
-    pytest.mark.filterwarnings("ignore:.*beyond its limits"),  # of where a session is before its first `reset`
 ]
 
 POLICIES = judged.published("microduck_runtime", "mujoco_playground", "Open_Duck_Playground", "Open_Duck_Mini")

@@ -411,6 +411,16 @@ def test_an_interrupt_comes_when_all_of_a_tick_is_done(monkeypatch):
 
 
 @pytest.mark.long
+def test_a_start_beyond_limits_is_told_where_a_robot_goes_on_from_it_and_nobody_chose_it():
+    arm = load_robot("ax12_arm")
+    session = Session(servo_arm(model=replace(arm, joints=tuple(replace(one, lower=0.2) for one in arm.joints))))
+    session.reset(state=initial_state(session.scene, [0.5]))
+    session.step()
+    session.reset()
+    with pytest.warns(UserWarning, match="is at 0 rad or m, beyond its limits 0.2 to"):
+        session.step()
+
+
 def test_misuse_is_refused():
     scene = servo_arm()
     bare = compile_scene(pendulum(), integrator="implicit_euler", timestep=1e-3)

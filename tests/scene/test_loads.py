@@ -183,14 +183,14 @@ def test_a_thin_foot_may_stand_on_few_of_its_points_on_a_plane():
 
 
 @pytest.mark.parametrize(
-    ("count", "high", "depth"), [(30, 0.3, 0.03), (30, 0.1, 0.01), (4, 0.3, 0.004), (3, 0.01, 0.001), (30, 0.3, None)]
+    ("count", "high", "depth"), [(30, 0.3, 0.03), (30, 0.1, 0.01), (4, 0.3, 0.004), (3, 0.01, 0.001)]
 )
 def test_how_deep_a_thin_foot_may_be(count, high, depth):
     """Twice the weight on one point, at most a tenth of the standing height, and two depths at rest in any case."""
-    field = HeightField(np.zeros((3, 3)), (1.0, 1.0), (-1.0, -1.0)) if depth is None else None
-    scene = compile_scene(standing_on_three(count, high=high), ground=Ground(field=field))
-    found = scene.constants.contact.points.deepest
-    assert found == pytest.approx(np.full(count, 0.001 if depth is None else depth), rel=1e-12)
+    for field in (None, HeightField(np.zeros((3, 3)), (1.0, 1.0), (-1.0, -1.0))):
+        scene = compile_scene(standing_on_three(count, high=high), ground=Ground(field=field))
+        found = scene.constants.contact.points.deepest
+        assert found == pytest.approx(np.full(count, depth), rel=1e-12)
 
 
 THROUGH = {
