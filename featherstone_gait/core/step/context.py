@@ -80,9 +80,10 @@ class Scratch(NamedTuple):
     """Scratch arrays, which every step overwrites."""
 
     W: np.ndarray  # tree: see tree/layout.py
-    Z: np.ndarray  # joints: see newton.py
-    C: np.ndarray  # contact points: see effects/contact.py
+    Z: np.ndarray  # joints: see effects/joint.py
+    C: np.ndarray  # contact points: see effects/element.py
     F: np.ndarray  # pushes and what bears weight (bodies, 6)
+    N: np.ndarray  # Newton's iteration of each tree: see effects/element.py
     pool: tuple | None  # Pool of pairs: see effects/pair.py
     closing: tuple | None  # Closing of loops: see closure.py
 
@@ -129,6 +130,7 @@ class Step(NamedTuple):
     Z: np.ndarray
     C: np.ndarray
     F: np.ndarray
+    N: np.ndarray
     pool: tuple | None
     part: np.record | None  # TREE of the one of several trees that takes the step
     closing: tuple | None = None
@@ -141,7 +143,7 @@ def of_tree(step, part):
         scene=step.scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=part, closing=step.closing,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, N=step.N, pool=step.pool, part=part, closing=step.closing,
     )  # fmt: skip
 
 
@@ -161,5 +163,5 @@ def with_bodies(step, tree):
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, pool=step.pool, part=step.part, closing=step.closing,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, N=step.N, pool=step.pool, part=step.part, closing=step.closing,
     )  # fmt: skip
