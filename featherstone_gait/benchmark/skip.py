@@ -24,7 +24,7 @@ from ..core.integrate.rollout import rollout_lanes
 from ..core.step.advance import advance
 from ..core.step.context import Run, Step
 from ..core.step.newton import solve_step
-from ..core.tree.aba import aba
+from ..core.tree.forward_dynamics import aba
 from ..core.tree.layout import Motion, Robot
 from ..geometry.body import body as solid
 from ..model import (
@@ -157,7 +157,7 @@ def aba_loop(steps: int, robot: Robot, h: float, z: np.ndarray, W: np.ndarray, o
     q, qd, tau, qdd = z[0], z[1], z[2], z[3]
     for k in range(steps + 1):
         out[k] = qd[0]
-        aba(robot, Motion(None, None, None, q, qd, None, None), None, tau, None, W, None, qdd)
+        aba(robot, Motion(None, None, None, q, qd, None, None), None, tau, None, (W, None), None, qdd)
         for i in range(len(q)):
             qd[i] += h * qdd[i]
             q[i] += h * qd[i]
@@ -172,7 +172,8 @@ def rk4_loop(steps: int, robot: Robot, h: float, z: np.ndarray, W: np.ndarray, o
         for i in range(2 * n):
             start[i] = end[i] = x[i]
         for weight, ahead in ((h / 6.0, 0.5 * h), (h / 3.0, 0.5 * h), (h / 3.0, h), (h / 6.0, 0.0)):
-            aba(robot, Motion(None, None, None, x[:n], x[n:], None, None), None, z[4, :n], None, W, None, slope[n:])
+            at = Motion(None, None, None, x[:n], x[n:], None, None)
+            aba(robot, at, None, z[4, :n], None, (W, None), None, slope[n:])
             for i in range(n):
                 slope[i] = x[n + i]
             for i in range(2 * n):
@@ -189,7 +190,7 @@ def solve_loop(steps: int, run: Run, advances: bool | None, h: float, y: np.ndar
     for k in range(steps + 1):
         out[k] = y[0]
         room = s.W, s.Z, s.C, s.F, s.N, s.pool
-        at = Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, None, 1e-9, *room, None)
+        at = Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, None, 1e-9, *room, None, s.rows)
         solve_step(at)
         if advances is not None:
             advance(at)

@@ -26,8 +26,8 @@ from ..core.compile.lanes import WIDTH, aligned
 from ..core.effects.touch import FLATNESS
 from ..core.tree import batch
 from ..core.tree.layout import Motion, Robot
-from ..core.tree.loop import SIZE as ROW_SIZE
-from ..core.tree.rows import SIDE
+from ..core.tree.loop import Loops as LoopTable
+from ..core.tree.rows import LOOP, make_rows
 from ..core.tree.wrap import ways_around
 from ..model import Loop, Model, Spring, Tendon, Via, Wrap
 from ..model.degrees import ball_name, is_first
@@ -147,7 +147,7 @@ def forward_dynamics(
         For wrong shapes, values that are not finite, and where the mass matrix is singular.
     """
     x = _arguments(model, q=q, qd=qd, tau=tau)
-    robot = _robot(model, armature, gravity)._replace(coupling=compile_tree(model).coupling)
+    robot = _robot(model, armature, gravity)
     pull = _spring_torque(model, x["q"], stiffness)
     if pull is not None:
         x["tau"] = x["tau"] + pull
@@ -199,11 +199,11 @@ def loop_forces(
         For wrong shapes and values that are not finite.
     """
     x = _arguments(model, q=q, qd=qd, tau=tau)
-    robot = _robot(model, armature, gravity)._replace(coupling=compile_tree(model).coupling)
+    robot = _robot(model, armature, gravity)
     pull = _spring_torque(model, x["q"], stiffness)
     if pull is not None:
         x["tau"] = x["tau"] + pull
-    return _shaped(_closed(model, _less_inertia(model, x, wrench, robot), wrench, robot)[1], q, qd, tau)
+    return _shaped(_forward(model, _less_inertia(model, x, wrench, robot), wrench, robot)[1], q, qd, tau)
 
 
 def loop_gaps(model: Model, q: ArrayLike) -> np.ndarray:
@@ -267,15 +267,13 @@ def loop_measures(
     base_J = np.zeros((n, loops.rows, 6)) if tree.floating else None
     robot, at = Robot(tree.bodies, None, np.zeros(3)), _motion(tree, x["q"], x["qd"])
     held = loops.held if places is None else (loops.held[0], places)
-    batch.loop_rows(robot, (loops.table, held), at, _work(tree), np.zeros((loops.rows, ROW_SIZE)), measures, base_J, J)
+    batch.loop_rows(robot, (loops.table, held), at, _work(tree), np.zeros((loops.rows, LOOP)), measures, base_J, J)
     return measures, J if base_J is None else np.concatenate([base_J, J], axis=2)
 
 
 def _accelerations(model: Model, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot) -> np.ndarray:
     """Compute accelerations (n, nv) without inertia of tendons."""
-    if model.loops:
-        return _closed(model, x, wrench, robot)[0]
-    return _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, robot)
+    return _forward(model, x, wrench, robot)[0]
 
 
 def _less_inertia(
@@ -324,20 +322,25 @@ def _with_rods(model: Model, rods: tuple[Loop, ...]) -> Model:
     return replace(model, loops=rods)
 
 
-def _closed(
+def _forward(
     model: Model, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute accelerations (n, nv) of robots whose loops stay closed, and the forces (n, m) of the loops."""
-    tree, loops, n = compile_tree(model), build_loops(model), len(x["q"])
-    m, base_qdd, qdd, forces = loops.rows, None, np.zeros((n, tree.n)), np.zeros((n, loops.rows))
-    if tree.floating:
-        base_qdd = np.zeros((n, 6))
-    given = *_split(tree, x["tau"]), _external(model, tree, x["q"], wrench, robot.gravity)
-    shapes = (m, ROW_SIZE), (m, 1, tree.n + 1), (m, 1, SIDE), (m, m + 2)
-    scratch = _work(tree), *(np.zeros(shape) for shape in shapes), np.zeros((2, m), np.int64)
-    which, at = (loops.trees, loops.table, loops.held), _motion(tree, x["q"], x["qd"])
-    batch.closed_rows(robot, which, at, given, scratch, (base_qdd, qdd, forces))
-    return (qdd if base_qdd is None else np.concatenate([base_qdd, qdd], axis=1)), forces
+    tree, n, forces, m = compile_tree(model), len(x["q"]), None, 0
+    robot = robot._replace(coupling=tree.coupling, floating=True if tree.floating else None)
+    if model.loops:
+        loops = build_loops(model)
+        m, forces = loops.rows, np.zeros((n, loops.rows))
+        robot = robot._replace(loops=LoopTable(loops.table, np.array([m])), held=loops.held)
+    blocks = len(model.couplings) + len(model.loops)
+
+    def scratch(zeros: Callable) -> tuple:
+        count = len(model.couplings) + m
+        rows = make_rows(blocks, count, (1, tree.n + 1), m, zeros) if blocks else None
+        return zeros((1, *tree.workspace_shape())), rows
+
+    found = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, (robot, scratch, forces))
+    return found[0], np.zeros((n, 0)) if found[1] is None else found[1]
 
 
 def inverse_dynamics(
@@ -387,7 +390,9 @@ def inverse_dynamics(
         For wrong shapes and values that are not finite.
     """
     x = _arguments(model, q=q, qd=qd, qdd=qdd)
-    out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, _robot(model, armature, gravity))
+    robot, workspace = _robot(model, armature, gravity), compile_tree(model).workspace_shape()
+    given = robot, lambda zeros: zeros((1, *workspace)), False
+    out, _ = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, given)
     pull = _spring_torque(model, x["q"], stiffness)
     heavy = [one for one in model.tendons if one.armature > 0]
     if heavy:
@@ -1043,23 +1048,27 @@ def _motion(tree: Tree, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray | None = 
 
 
 def _solve(
-    model: Model, rows: Callable, lanes: Callable, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot
-) -> np.ndarray:
-    """Run a kernel over all states, in lanes if there are enough to fill them."""
-    tree, n = compile_tree(model), len(x["q"])
+    model: Model, rows: Callable, lanes: Callable, x: dict[str, np.ndarray], wrench: Wrenches | None, kernel: Any
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Run a kernel over all states, in lanes if there are enough to fill them.
+
+    kernel: the robot, a function that makes the scratch from one that makes arrays, and what is filled beside the
+    columns of base and joints: an array (n, ...) or None, False where the kernel has no such argument.
+    """
+    (robot, scratch, more), tree, n = kernel, compile_tree(model), len(x["q"])
     given: list[Motion | np.ndarray | None] = [_motion(tree, x["q"], x["qd"], x.get("qdd"))]
     if "tau" in x:
         given.extend(_split(tree, x["tau"]))
     given.append(_external(model, tree, x["q"], wrench, robot.gravity))
-    outs = [np.zeros((n, 6)) if tree.floating else None, np.zeros((n, tree.n))]
+    outs = [np.zeros((n, 6)) if tree.floating else None, np.zeros((n, tree.n)), *([] if more is False else [more])]
     if n < WIDTH:
-        rows(robot, *given, _work(tree), *outs)
+        rows(robot, *given, scratch(np.zeros), *outs)
     else:
-        work = aligned((1, *tree.workspace_shape(), WIDTH))
         packed = [_to_lanes(a) for a in outs]
-        lanes(robot, *(_to_lanes(a) for a in given), work, *packed)
+        lanes(robot, *(_to_lanes(a) for a in given), scratch(lambda shape: aligned((*shape, WIDTH))), *packed)
         outs = [a if a is None else np.moveaxis(a, -1, 1).reshape(-1, *a.shape[1:-1])[:n] for a in packed]
-    return np.concatenate([a for a in outs if a is not None], axis=1)
+    found = np.concatenate([a for a in outs[:2] if a is not None], axis=1)
+    return found, None if more is False else outs[2]
 
 
 def _to_lanes(a: Motion | np.ndarray | None) -> Any:

@@ -32,6 +32,7 @@ from ..dynamics.tendons import tendon_length_channel
 from ..geometry.distance import clearance_channel, contact_bench
 from ..model.numpy_dynamics import with_quaternions
 from ..scene.compile import CompiledScene
+from ..scene.forest import count, largest_tree
 from ..scene.tree import check_followers
 from .interrupt import Kernel, call_interruptibly, ensure_compiled
 from .lane_constants import has_varying, merge, structure, with_own_memory, write_lane
@@ -299,8 +300,10 @@ class CompiledRun:
             pairs=constants.pairs,
             bench=None if constants.pairs is None else contact_bench(constants.pairs.shapes),
             trees=0 if constants.trees is None else len(constants.trees),
-            largest=0 if constants.trees is None else int(np.max(constants.trees.end - constants.trees.root)),
+            largest=largest_tree(constants),
             loops=constants.loops,
+            couplings=count(constants.coupling),
+            tendons=scene.tree.tendons,
             immersed=0 if constants.fluid is None else len(constants.fluid.table),
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(scene.layout["length"])

@@ -17,11 +17,11 @@ from ..base.flaws import quoted
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
 from ..core.effects.firmware import TURN
-from ..core.integrate.integrator import closing_of
 from ..core.step import pace
-from ..core.step.closure import Closing, measure_loops
+from ..core.step.closure import Closing, LoopScratch, measure_loops
 from ..core.step.signals import Knots
 from ..core.tree.loop import BIAS, GAP, PLACE, SPEED
+from ..core.tree.rows import make_rows
 from ..dynamics import forward_kinematics, loop_gaps
 from ..dynamics.algorithms import lengths_of, loop_measures
 from ..dynamics.inverse_kinematics import close_loops, is_flipped
@@ -31,7 +31,7 @@ from ..model.numpy_dynamics import at_joints, what_is_loose, with_quaternions
 from ..model.rest_posture import start_positions
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
-from ..scene.forest import Member, named, state_index
+from ..scene.forest import Member, largest_tree, named, state_index
 from ..scene.loop import build_loops, joined_loops
 from ..scene.tree import check_followers, followed
 from .status import OF_CODE
@@ -322,17 +322,20 @@ def gaps_and_speeds(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
 
 def loop_rows(scene: CompiledScene, y: np.ndarray) -> np.ndarray:
     """Compute gaps of loops, their rates and what the rates change by without accelerations, in a state (3, rows)."""
-    W, closing = scratch_of_loops(scene)
-    measure_loops(scene.constants.loops, scene.constants, scene.places, (W, closing), y)
-    return closing.rows[:, [GAP, SPEED, BIAS]].T
+    work = scratch_of_loops(scene)
+    measure_loops(scene.constants.loops, scene.constants, scene.places, work, y)
+    return work.rows.loops[:, [GAP, SPEED, BIAS]].T
 
 
-def scratch_of_loops(scene: CompiledScene) -> tuple[np.ndarray, Closing]:
+def scratch_of_loops(scene: CompiledScene) -> LoopScratch:
     """Make the scratch arrays with which loops of a state are measured and closed."""
-    constants, balls = scene.constants, 0 if scene.tree.balls is None else len(scene.tree.balls)
-    closing = closing_of(constants.loops, None, len(constants.tree), scene.tree.n, balls, np.zeros)
-    assert closing is not None
-    return np.zeros(scene.tree.workspace_shape()), closing
+    tree, count = scene.tree, sum(loop.rows for loop in scene.model.loops)
+    sides = (1 if tree.trees is None else len(tree.trees)), largest_tree(scene.constants)
+    blocks = len(scene.model.loops) + len(scene.model.couplings)
+    rows = make_rows(blocks, count + len(scene.model.couplings), sides, count, np.zeros)
+    balls = 0 if tree.balls is None else len(tree.balls)
+    closing = Closing(np.zeros((len(tree.bodies), 6)), np.zeros(tree.n + 6), np.zeros(7 + 4 * balls))
+    return LoopScratch(np.zeros(tree.workspace_shape()), rows, closing)
 
 
 def open_rows(scene: CompiledScene, y: np.ndarray) -> np.ndarray:

@@ -19,8 +19,8 @@ from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
-from ..core.step.closure import Loops
 from ..core.step.context import Scene
+from ..core.tree.loop import Loops
 from ..model import Controller, Fluid, Ground, Loop, Model, Spring, Tendon
 from ..model.pair_contact import PairContact, PairWord, pair_contact
 from ..model.pair_friction import PairFriction
@@ -657,15 +657,11 @@ def _implicit(options: SceneOptions) -> SceneOptions:
 
 
 def _loops(found: LoopTables | None, tree: Tree) -> Loops | None:
-    """Return the loops for kernels, None without; of one robot with what its tree has beside the model's."""
+    """Return the loops for kernels, None without."""
     if found is None:
         return None
-    parts = found.trees
-    if tree.trees is None:
-        parts = parts.copy()
-        parts.end_tendon = tree.tendons
-    joined = True if len(found.table) > parts.end_loop[-1] else None
-    return Loops(found.table, parts, np.array([found.rows]), joined)
+    joined = True if tree.trees is not None and len(found.table) > tree.trees.end_loop[-1] else None
+    return Loops(found.table, np.array([found.rows]), joined)
 
 
 def _members(models: Any, options: SceneOptions) -> list[Member]:

@@ -169,6 +169,7 @@ class Shift(NamedTuple):
     ball: int
     tendon: int
     loop: int
+    loop_row: int  # row of its first loop
     drive: int  # of surfaces
 
     def workspace(self, rows: np.ndarray) -> np.ndarray:
@@ -177,12 +178,12 @@ class Shift(NamedTuple):
 
 
 def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
-    """Return where each member's rows stand: the bodies of all, then slots, contact rows, couplings and tendons."""
+    """Return where each member's rows stand: the bodies of all, then slots, contact rows and tendons."""
     trees, found = [scene.tree for scene in scenes], []
     body, row, joint, point = 0, sum(len(tree.bodies) for tree in trees), 0, 0
-    coupling, ball, tendon, loop, drive = 0, 0, 0, 0, 0
+    coupling, ball, tendon, loop, loop_row, drive = 0, 0, 0, 0, 0, 0
     for scene, tree in zip(scenes, trees):
-        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling, ball, tendon, loop, drive))
+        found.append(Shift(body, len(tree.bodies), row, joint, point, coupling, ball, tendon, loop, loop_row, drive))
         body += len(tree.bodies)
         row += tree.rows - len(tree.bodies)
         joint += tree.n
@@ -191,6 +192,7 @@ def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
         ball += count(tree.balls)
         tendon += tree.tendons
         loop += len(scene.model.loops)
+        loop_row += sum(one.rows for one in scene.model.loops)
         drive += count(scene.constants.surfaces)
     return found
 
@@ -198,6 +200,12 @@ def shifts(scenes: Sequence[CompiledScene]) -> list[Shift]:
 def count(table: Any) -> int:
     """Return the rows of a table, 0 of none."""
     return 0 if table is None else len(table)
+
+
+def largest_tree(constants: Scene) -> int:
+    """Return the bodies of the largest tree of a scene."""
+    trees = constants.trees
+    return len(constants.tree) if trees is None else int(np.max(trees.end - trees.root))
 
 
 def joined_tree(members: Sequence[Member]) -> Tree:
@@ -220,7 +228,6 @@ def joined_tree(members: Sequence[Member]) -> Tree:
             coupling = tree.coupling.copy()
             coupling.body, coupling.leader = coupling.body + at.body, coupling.leader + at.body
             coupling.dof, coupling.leader_dof = coupling.dof + at.joint, coupling.leader_dof + at.joint
-            coupling.row = at.workspace(coupling.row)
             couplings.append(coupling)
         if tree.balls is not None:
             balls.append(tree.balls + at.joint)
@@ -245,6 +252,7 @@ def _fill_tree(row: Any, scene: CompiledScene, at: Shift) -> None:
     row.ball, row.end_ball = at.ball, at.ball + count(tree.balls)
     row.tendon, row.end_tendon = at.tendon, at.tendon + tree.tendons
     row.loop, row.end_loop = at.loop, at.loop + len(scene.model.loops)
+    row.row = at.coupling + at.tendon + at.loop_row
     row.falls = tree.floating and tree.n > 0 and points > 0
     row.min_height, row.min_upright = max(scene.fall_height, -1e308), scene.fall_upright
     row.upright = scene.upright
@@ -427,7 +435,7 @@ def _tendons(members: Sequence[Member], tree: Tree, moved: Sequence[Shift]) -> T
     for own, at in zip(found, moved):
         if own is not None:
             table, pieces = own.table.copy(), own.parts.copy()
-            table.row, table.column = at.workspace(table.row), tree.columns + at.tendon + np.arange(len(table))
+            table.row = at.workspace(table.row)
             table.first, table.end = table.first + first, table.end + first
             pieces.body = np.where(pieces.body == ANCHOR, ANCHOR, pieces.body + at.body)
             pieces.dof += np.where(pieces.kind == BEND, bends, at.joint)

@@ -10,7 +10,6 @@ import numpy as np
 
 from ..base.fixed_order import applied, product
 from ..base.rotation import rotation_from_rpy, rotation_z_to
-from ..core.tree.forest import TREE
 from ..core.tree.loop import CONNECT, DISTANCE, FRAME, HINGE, LENGTH, LOOP, PLACE, POINT, WELD, WORLD
 from ..model import Loop, Model
 from .records import records
@@ -26,7 +25,6 @@ class Loops(NamedTuple):
     """The loops of a robot or a scene as kernels read them."""
 
     table: np.recarray  # (loops,) LOOP
-    trees: np.recarray  # (trees,) TREE
     rows: int
     held: tuple[np.ndarray, np.ndarray]  # 1 of each (loops,), and their places (loops * PLACE,)
 
@@ -36,11 +34,7 @@ def build_loops(model: Model) -> Loops:
     """Build the LOOP records of a robot."""
     tree = compile_tree(model)
     table, places, rows = _records(model.loops, tree, WORLD if tree.floating else 0)
-    trees = records(1, TREE)
-    couplings = 0 if tree.coupling is None else len(tree.coupling)
-    trees.end, trees.fixed, trees.end_joint, trees.end_coupling = tree.n + 1, not tree.floating, tree.n, couplings
-    trees.end_loop = len(table)
-    return Loops(table, trees, rows, (np.ones(len(table)), places.ravel()))
+    return Loops(table, rows, (np.ones(len(table)), places.ravel()))
 
 
 def joined_loops(members: Sequence[Member], tree: Tree, between: Sequence[Loop]) -> Loops | None:
@@ -69,7 +63,7 @@ def joined_loops(members: Sequence[Member], tree: Tree, between: Sequence[Loop])
     if not tables:
         return None
     whole = np.concatenate(tables).view(np.recarray)
-    return Loops(whole, trees, rows, (np.ones(len(whole)), np.concatenate(places).ravel()))
+    return Loops(whole, rows, (np.ones(len(whole)), np.concatenate(places).ravel()))
 
 
 def _records(loops: Sequence[Loop], tree: Tree, world: int) -> tuple[np.recarray, np.ndarray, int]:

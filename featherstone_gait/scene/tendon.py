@@ -29,7 +29,7 @@ IN_WORLD = Placement(WORLD, np.eye(3), np.zeros(3))
 
 
 def with_rows(tree: Tree, tendons: Sequence[Tendon]) -> Tree:
-    """Return the tree with rows and columns of the workspace for tendons."""
+    """Return the tree with rows of the workspace for tendons."""
     return tree._replace(rows=tree.rows + len(tendons), tendons=len(tendons))
 
 
@@ -43,7 +43,7 @@ def build_tendons(model: Model, tree: Tree, tendons: Sequence[Tendon]) -> Tendon
     wraps: list[np.recarray] = []
     tied = np.zeros(len(tendons), int)
     for k, (row, tendon) in enumerate(zip(table, tendons)):
-        row.row, row.column, row.first = tree.rows - len(tendons) + k, tree.columns + k, len(parts)
+        row.row, row.first = tree.rows - len(tendons) + k, len(parts)
         row.stiffness, row.damping, (row.lower, row.upper) = tendon.stiffness, tendon.damping, tendon.slack
         for name, c in tendon.joints:
             if name in model.held:

@@ -62,12 +62,7 @@ class Tree(NamedTuple):
 
     def workspace_shape(self) -> tuple[int, int]:
         """Return rows and columns of the workspace."""
-        return (self.rows, self.columns + self.tendons)
-
-    @property
-    def columns(self) -> int:
-        """Columns of the workspace without those of tendons."""
-        return COLUMNS + (0 if self.coupling is None else len(self.coupling))
+        return (self.rows, COLUMNS)
 
 
 def compile_tree(model: Model) -> Tree:
@@ -88,8 +83,7 @@ def _compiled(model: Model) -> Tree:
         bodies[row]["contact"] = rows
         rows += 1
     moved = {body.frame.joint.name: k for k, body in enumerate(merged) if body.frame.joint is not None}
-    coupling = _build_coupling(model, moved, rows)
-    rows += 0 if coupling is None else len(coupling)
+    coupling = _build_coupling(model, moved)
     names = tuple(body.links[0] for body in merged)
     return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows, coupling, balls=balls)
 
@@ -161,16 +155,13 @@ def _assign_slots(bodies: np.ndarray) -> int:
     return used
 
 
-def _build_coupling(model: Model, rows: dict[str, int], first: int) -> np.recarray | None:
-    """Build the COUPLING records, None without coupled joints.
-
-    rows: bodies by the joints that move them; first: row of the workspace of the first coupling.
-    """
+def _build_coupling(model: Model, rows: dict[str, int]) -> np.recarray | None:
+    """Build the COUPLING records, None without coupled joints; rows: bodies by the joints that move them."""
     dof, table = model.joint_rows, records(len(model.couplings), COUPLING)
-    for k, (row, (follower, leader, multiplier, offset)) in enumerate(zip(table, model.couplings)):
+    for row, (follower, leader, multiplier, offset) in zip(table, model.couplings):
         row.body, row.dof = rows[follower], dof[follower]
         row.leader, row.leader_dof = rows[leader], dof[leader]
-        row.row, row.multiplier, row.offset = first + k, multiplier, offset
+        row.multiplier, row.offset = multiplier, offset
     return table if len(table) else None
 
 

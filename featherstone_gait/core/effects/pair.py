@@ -121,13 +121,6 @@ class Pool(NamedTuple):
     first_point: np.ndarray  # (trees + 1,) of each island
     island: np.ndarray  # (trees + 1,) of each tree; scratch of counting before
     label: np.ndarray  # (trees,) island of each tree by lane: its first tree
-    # Rows: see tree/rows.py.
-    row_point: np.ndarray  # (points,) slot whose point has the rows 3 k to 3 k + 2
-    envelope: np.ndarray  # (points,) first point on which the elimination of each depends
-    responses: np.ndarray  # (3 points, 2, bodies of the largest tree)
-    roots: np.ndarray  # (3 points, 2, SIDE)
-    matrix: np.ndarray  # (3 points, 3 points)
-    force: np.ndarray  # (3, 3 points)
     # The narrow phase, one lane after the other, and the exchange of slots.
     manifold: np.ndarray  # (8, 8)
     bench: tuple  # Bench of manifold.py
@@ -137,8 +130,8 @@ class Pool(NamedTuple):
     old: np.ndarray  # (slots, 6)
 
     SHARED = (
-        "pair", "count", "placed", "parent", "trees", "first_tree", "points", "first_point", "island", "row_point",
-        "envelope", "manifold", "bench", "poses", "narrow", "old",
+        "pair", "count", "placed", "parent", "trees", "first_tree", "points", "first_point", "island",
+        "manifold", "bench", "poses", "narrow", "old",
     )  # fmt: skip
 
 

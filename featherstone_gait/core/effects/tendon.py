@@ -8,7 +8,7 @@ pd_servo.py, and dry friction as in friction.py,
 
 positive where it lengthens.  With J = dl/dq the torques on the joints are J' f.  An implicit step takes the force at
 its end, where the length is l + h J v, with J of the state for which the bias is taken; the slope h (K h + C) joins the
-mass matrix as w^2 of a row beside the fold (core/tree/rank_one.py), so that no tendon limits the step.  Euler's method
+mass matrix as that of a row beside the fold (core/tree/rows.py), so that no tendon limits the step.  Euler's method
 takes springs at the start of the step as long as their own period allows it, like those of joints (joint_spring.py).
 
 An inertia m along the length, such as that of a rotor that it turns, has the kinetic energy m (dl/dt)^2 / 2.  It joins
@@ -22,14 +22,25 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import select, sign_beyond, sqrt
-from ..compile.optional import any_present, if_present, plus_item
+from ..compile.optional import any_present, if_present, item, plus_item
 from ..compile.structure import record, structure
-from ..tree.aba import root_inertia
-from ..tree.coupling import push_torque
-from ..tree.forest import base_index, base_of, joint_count, rows_of, tendons_of
+from ..tree.forest import LARGEST, base_index, joint_count, rows_of, tendons_of
 from ..tree.layout import A, P, R, U, V
-from ..tree.rank_one import FREE, answer, bind, clear, push_force, release
 from ..tree.rigid_body import point_position
+from ..tree.rows import (
+    FIRST,
+    KIND,
+    ROW,
+    SOURCE,
+    TIED,
+    TREE,
+    add_block,
+    answer_base,
+    clear_block,
+    entry_of,
+    push_body,
+    push_joint,
+)
 from ..tree.spatial import (
     add,
     choose,
@@ -59,7 +70,6 @@ TENDON = record(
     first=int,  # of its parts
     end=int,
     row=int,  # of the workspace
-    column=int,
     offset=float,  # of the length: what joints that are held give [m or rad]
     stiffness=float,  # K [N/m or N m/rad]
     lower=float,  # dead band of the spring [m or rad]
@@ -89,18 +99,18 @@ SPRING, DAMPER, STOPS, PULL, RUB = range(5)
 WORKS = 5
 
 # Columns of a tendon's row in the workspace.
-LB = FREE  # length from which it moves on with the speed [m or rad]
-U0 = FREE + 1  # speed for which the bias is taken [m/s or rad/s]
-UK = FREE + 2  # speed about which the force is linearized
-UN = FREE + 3  # speed of the solution
-TL = FREE + 4  # the linear model's force there
-RT = FREE + 5  # inertial force at UK
-T0 = FREE + 6  # linear model of the force: T0 - CT u
-CT = FREE + 7
-AXIS = FREE + 8  # 3: about which the ball joint of a tendon is turned, of which it has one at most
+LB = 0  # length from which it moves on with the speed [m or rad]
+U0 = 1  # speed for which the bias is taken [m/s or rad/s]
+UK = 2  # speed about which the force is linearized
+UN = 3  # speed of the solution
+TL = 4  # the linear model's force there
+RT = 5  # inertial force at UK
+T0 = 6  # linear model of the force: T0 - CT u
+CT = 7
+AXIS = 8  # 3: about which the ball joint of a tendon is turned, of which it has one at most
 BASE = AXIS  # 3: of a path, where the base of its tree is [m]
-RISE = FREE + 11  # d2l/dt2 of the accelerations that the step begins with [m/s^2 or rad/s^2]
-US = FREE + 12  # speed at the start of the step
+RISE = 11  # d2l/dt2 of the accelerations that the step begins with [m/s^2 or rad/s^2]
+US = 12  # speed at the start of the step
 
 
 @structure
@@ -383,62 +393,86 @@ def _pushed_body(body, x, W):
     return add(load3(W, body, A + 3), add(cross(load3(W, body, A), x), cross(w, v)))
 
 
+@inline
+def list_tendons(tendons, part, end, rows):
+    """Add the tendons of a tree to the blocks of a system, and return its end."""
+    if tendons is not None:
+        first, last = tendons_of(part, tendons.table)
+        tree = base_index(part)
+        for c in range(first, last):
+            end = add_block(rows, end, TIED, c, 1, (tree, tree))
+    return end
+
+
+@if_present()
+def respond_tendons(tendons, system, contact, step):
+    """Fill what unit forces along the tendons of a system leave in the factors, their first forces and slopes."""
+    W, rows = step.W, step.rows
+    for b in range(system[0] & LARGEST, system[1] & LARGEST):
+        if rows.block[b, KIND] == TIED:
+            c, r = entry_of(b, SOURCE, rows), entry_of(b, ROW, rows)
+            t = tendons.table[c]
+            clear_block(step.scene, b, W, rows)
+            _respond(tendons, t, (b, r, 0), step)
+            answer_base(step.scene, b, contact, W, rows)
+            force, slope = W[t.row, T0] - W[t.row, CT] * W[t.row, U0], step.h_implicit * W[t.row, CT]
+            force, slope = _with_inertia(tendons.armature, c, W, t.row, force, slope)
+            rows.numbers[r, FIRST], rows.factor[r, 0] = force, sqrt(slope)
+
+
 @kernel
-def _respond(tendons, t, inertia, step):
-    """Fill the row of a tendon: what a unit force along it leaves in the factors."""
-    tree, part, W = step.scene.tree, step.part, step.W
-    root, _ = rows_of(part, tree)
-    clear(tree, part, t.row, t.column, W)
+def _respond(tendons, t, at, step):
+    tree, W, rows = step.scene.tree, step.W, step.rows
+    root, _ = rows_of(item(step.scene.trees, entry_of(at[0], TREE, rows)), tree)
     for k in range(t.first, t.end):
-        b = tendons.parts[k]
-        if b.kind == JOINT:
-            push_torque(tree, root, b.body, b.coefficient, t.column, t.row, W)
-        elif b.kind == TURN:
+        p = tendons.parts[k]
+        if p.kind == JOINT:
+            push_joint(tree, root, p.body, p.coefficient, at, W, rows)
+        elif p.kind == TURN:
             for j in range(3):
-                push_torque(tree, root, b.body + j, b.coefficient * W[t.row, AXIS + j], t.column, t.row, W)
-        elif b.kind == POINT:
-            _pull(tendons.tied, tendons.wraps, tendons.parts, k, tree, root, t, W)
-    answer(inertia, step.scene.coupling, part, tree, t.row, t.column, W)
+                push_joint(tree, root, p.body + j, p.coefficient * W[t.row, AXIS + j], at, W, rows)
+        elif p.kind == POINT:
+            _pull(tendons.tied, tendons.wraps, tendons.parts, k, root, t, at, step)
 
 
 @inline
-def _pull(tied, wraps, parts, k, tree, root, t, W):
+def _pull(tied, wraps, parts, k, root, t, at, step):
     """Add what a unit force along the way to the point k leaves."""
     if wraps is None:
-        _pull_straight(tied, parts, k, tree, root, t, W)
+        _pull_straight(tied, parts, k, root, t, at, step)
     else:
-        _pull_bent(tied, wraps, parts, k, tree, root, t, W)
+        _pull_bent(tied, wraps, parts, k, root, t, at, step)
 
 
 @inline
-def _pull_straight(tied, parts, k, tree, root, t, W):
+def _pull_straight(tied, parts, k, root, t, at, step):
     a, b = parts[k - 1], parts[k]
-    x, y, _, e = _apart(tied, t.row, a, b, W)
+    x, y, _, e = _apart(tied, t.row, a, b, step.W)
     f = scale(e, b.coefficient)
-    _push(tied, tree, root, b.body, cross(y, f), f, t, W)
-    _push(tied, tree, root, a.body, scale(cross(x, f), -1.0), scale(f, -1.0), t, W)
+    _push(tied, root, b.body, cross(y, f), f, at, step)
+    _push(tied, root, a.body, scale(cross(x, f), -1.0), scale(f, -1.0), at, step)
 
 
 @inline
-def _push(tied, tree, root, body, m, f, t, W):
+def _push(tied, root, body, m, f, at, step):
     """Add what a force f of moment m on a body leaves, unless that is the world."""
     if tied is None:
-        push_force(tree, root, body, m, f, t.row, t.column, W)
+        push_body(step.scene.tree, root, body, m, f, at, step.W, step.rows)
     elif body != WORLD:
-        push_force(tree, root, body, m, f, t.row, t.column, W)
+        push_body(step.scene.tree, root, body, m, f, at, step.W, step.rows)
 
 
 @kernel
-def _pull_bent(tied, wraps, parts, k, tree, root, t, W):
+def _pull_bent(tied, wraps, parts, k, root, t, at, step):
     if parts[k - 1].kind != BEND:
-        _pull_straight(tied, parts, k, tree, root, t, W)
+        _pull_straight(tied, parts, k, root, t, at, step)
         return
-    x, u, v, y, e, f, _, turns = _way(tied, wraps, parts, t.row, k, W)
+    x, u, v, y, e, f, _, turns = _way(tied, wraps, parts, t.row, k, step.W)
     e, f = scale(e, parts[k].coefficient), scale(f, parts[k].coefficient)
-    _push(tied, tree, root, parts[k].body, cross(y, f), f, t, W)
-    _push(tied, tree, root, parts[k - 2].body, scale(cross(x, e), -1.0), scale(e, -1.0), t, W)
+    _push(tied, root, parts[k].body, cross(y, f), f, at, step)
+    _push(tied, root, parts[k - 2].body, scale(cross(x, e), -1.0), scale(e, -1.0), at, step)
     m, d = scale(sub(cross(u, e), cross(v, f)), turns), scale(sub(e, f), turns)
-    _push(tied, tree, root, parts[k - 1].body, m, d, t, W)
+    _push(tied, root, parts[k - 1].body, m, d, at, step)
 
 
 # ---------------------------------------------------------------------------------------------- the force
@@ -511,68 +545,10 @@ def hold_tendons(tendons, W, solved):
 
 
 @inline
-def bind_tendons(tendons, contact, step):
-    """Let the tendons act on the solution that the first pass of the ABA has left, with their slopes in its factors."""
-    if tendons is not None:
-        base_q = base_of(step.scene.floating, step.part, step.y, step.offsets.base_q, 7)
-        if base_q is None:
-            _bind(tendons, None, step)
-        else:
-            _bind(tendons, root_inertia(step.scene.tree, step.part, contact, step.W), step)
-
-
-@kernel
-def _bind(tendons, inertia, step):
-    W, (first, end) = step.W, tendons_of(step.part, tendons.table)
-    for c in range(first, end):
-        t = tendons.table[c]
-        _respond(tendons, t, inertia, step)
-        force, slope = W[t.row, T0] - W[t.row, CT] * W[t.row, U0], step.h_implicit * W[t.row, CT]
-        force, slope = _with_inertia(tendons.armature, c, W, t.row, force, slope)
-        bind(step.scene.tree, step.part, (t.row, t.column), c - first, slope, force, W)
-
-
-@inline
 def _with_inertia(armature, c, W, row, force, slope):
     if armature is None:
         return force, slope
     return force - armature[c] * W[row, RISE], slope + armature[c]
-
-
-@inline
-def release_tendons(tendons, step):
-    """Make the solution that of the second pass, when all forces are in."""
-    if tendons is not None:
-        _release(tendons, step)
-
-
-@inline
-def release_inertia(tendons, step):
-    """Do the same where forces have no slopes, in an evaluation of the differential equation."""
-    if tendons is not None:
-        _release_if(tendons.armature, tendons, step)
-
-
-@inline
-def _release_if(armature, tendons, step):
-    if armature is not None:
-        _release(tendons, step)
-
-
-@kernel
-def _release(tendons, step):
-    first, end = tendons_of(step.part, tendons.table)
-    for k in range(end - first):
-        t = tendons.table[end - 1 - k]
-        release(step.scene.tree, step.part, (t.row, t.column), step.W)
-
-
-@inline
-def lines_of(tendons):
-    """Return the records of tendons with `row` and `column`, None without tendons."""
-    if tendons is None:
-        return None
-    return tendons.table
 
 
 # ---------------------------------------------------------------------------------------------- Newton's iteration

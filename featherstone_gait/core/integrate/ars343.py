@@ -154,7 +154,7 @@ def _stages(run, y, t, h):
             scene=scene, actuator=scene.actuator, decay=work.motors, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
             predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, h_implicit=d, theta=1.0, extrapolation_ratio=None,
             tolerance=NEWTON_SHARE * run.plan.rtol, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, N=scratch.N,
-            pool=scratch.pool, part=None, closing=scratch.closing,
+            pool=scratch.pool, part=None, rows=scratch.rows, closing=scratch.closing,
         )  # fmt: skip
         step_trees(at)
         pace[EVALUATIONS] += 1.0

@@ -90,6 +90,7 @@ class Columns(NamedTuple):
     F: np.ndarray
     N: np.ndarray
     pool: tuple | None
+    rows: tuple | None
     closing: tuple | None
 
 
@@ -165,7 +166,7 @@ def _close(loops, run, y):
     columns, offsets = in_lanes(run.work.columns), run.offsets[0]
     for i in range(offsets.step_control):
         columns.y[i] = y[i]
-    factor_at(loops, run.scene, offsets, (columns.W, columns.closing), columns.y)
+    factor_at(loops, run.scene, offsets, columns, columns.y)
     project(loops, run.scene, offsets, columns, columns.y)
     for i in range(offsets.after_coordinates):
         y[i] = run.work.columns.y[i, 0]
@@ -445,7 +446,8 @@ def _slope(run, columns, slope):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, N=x.N, pool=x.pool, part=None, closing=x.closing,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, N=x.N, pool=x.pool, part=None, rows=x.rows,
+        closing=x.closing,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -457,7 +459,8 @@ def _euler(ended, run, columns):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, N=x.N, pool=x.pool, part=None, closing=x.closing,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, N=x.N, pool=x.pool, part=None, rows=x.rows,
+        closing=x.closing,
     )  # fmt: skip
     if ended is None:
         solve_trees(scene.trees, scene.pairs, at)

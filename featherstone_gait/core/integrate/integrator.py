@@ -17,12 +17,12 @@ from ..effects.element import OF_TREES
 from ..effects.joint import SCRATCH as JOINT_SCRATCH
 from ..effects.pair import COLUMNS as PAIR_SCRATCH
 from ..effects.pair import OLD, SHAPE_POSE, Pool
-from ..step.closure import Closing, Loops
+from ..step.closure import Closing
 from ..step.context import Scratch
 from ..step.pool import KEPT, Renewal
-from ..tree.loop import SIZE as LOOP_ROW
+from ..tree.loop import Loops
 from ..tree.manifold import contacts_at
-from ..tree.rows import SIDE
+from ..tree.rows import Rows, make_rows
 
 RTOL = 1e-8  # error allowed of a step, where none is given
 
@@ -47,6 +47,8 @@ class Sizes(NamedTuple):
     trees: int
     largest: int  # bodies of the largest tree
     loops: Loops | None  # of the scene
+    couplings: int = 0
+    tendons: int = 0
     immersed: int = 0  # shapes in a medium
 
 
@@ -145,35 +147,48 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
         zeros((sizes.bodies, 6)),
         zeros((max(sizes.trees, 1), OF_TREES)),
         pool_of(sizes, zeros),
-        closing_of(sizes.loops, sizes.pairs, sizes.bodies, sizes.n, sizes.balls, zeros),
+        rows_of(sizes, zeros),
+        closing_of(sizes, zeros),
     )
 
 
-def closing_of(loops: Loops | None, pairs: tuple | None, bodies: int, n: int, balls: int, zeros) -> Closing | None:
-    """Make the scratch arrays of loops, None without."""
-    if loops is None:
+def closing_of(sizes: Sizes, zeros) -> Closing | None:
+    """Make the scratch arrays with which loops are closed, None without."""
+    if sizes.loops is None:
         return None
-    m, sides = int(loops.rows[0]), 1 if loops.joined is None else 2
-    largest = int(np.max(loops.parts["end"] - loops.parts["root"]))
-    return Closing(
-        rows=zeros((m, LOOP_ROW)), responses=zeros((m, sides, largest)), roots=zeros((m, sides, SIDE)),
-        matrix=zeros((m, m + 2)), cross=None if pairs is None else zeros((3 * _points(pairs), m)), force=zeros(m),
-        push=zeros(m), factors=zeros((bodies, 6)), move=zeros(n + 6), moved=zeros(7 + 4 * balls),
-        listed=np.zeros((2, m), np.int64),
-    )  # fmt: skip
+    return Closing(factors=zeros((sizes.bodies, 6)), move=zeros(sizes.n + 6), moved=zeros(7 + 4 * sizes.balls))
 
 
-def _points(pairs: Any) -> int:
-    """Return how many points and moments between bodies that can move act at once."""
-    return int(pairs.slots[1]) * (1 if pairs.turning is None else 2)
+def rows_of(sizes: Sizes, zeros) -> Rows | None:
+    """Make the scratch arrays of rows, None of a scene that can have none."""
+    numbers = 0 if sizes.loops is None else int(sizes.loops.rows[0])
+    blocks, rows = _touching(sizes.pairs)
+    alone = sizes.couplings + sizes.tendons + numbers
+    if rows + alone == 0:
+        return None
+    return make_rows(blocks + alone, rows + alone, (max(sizes.trees, 1), sizes.largest), numbers, zeros)
+
+
+SPARE = 64  # pairs that have six rows though one point of theirs pushes, for which there is room
+
+
+def _touching(pairs: Any) -> tuple[int, int]:
+    """Return how many pairs of bodies that can move act at once, and how many rows they have."""
+    if pairs is None:
+        return 0, 0
+    points = int(pairs.slots[1])
+    if pairs.turning is not None:
+        return points, 6 * points
+    several = (pairs.pairs["slots"] > 1).any()
+    return points, 3 * (points + (min(points, SPARE) if several else 0))
 
 
 def pool_of(sizes: Sizes, zeros) -> Pool | None:
     """Make the scratch arrays of pairs, None without."""
     if sizes.pairs is None:
         return None
-    slots, points, trees = int(sizes.pairs.slots[0]), _points(sizes.pairs), sizes.trees
-    rows, placed = 3 * points, slots * (1 if sizes.pairs.turning is None else 2)
+    slots, trees = int(sizes.pairs.slots[0]), sizes.trees
+    placed = slots * (1 if sizes.pairs.turning is None else 2)
 
     def whole(size):
         return np.zeros(size, np.int64)
@@ -181,9 +196,7 @@ def pool_of(sizes: Sizes, zeros) -> Pool | None:
     return Pool(
         C=zeros((placed, PAIR_SCRATCH)), pair=whole(placed), count=whole(4), placed=whole(placed), parent=whole(trees),
         trees=whole(trees), first_tree=whole(trees + 1), points=whole(placed), first_point=whole(trees + 1),
-        island=whole(trees), label=zeros(trees), row_point=whole(points), envelope=whole(points),
-        responses=zeros((rows, 2, sizes.largest)), roots=zeros((rows, 2, SIDE)), matrix=zeros((rows, rows)),
-        force=zeros((3, rows)), old=np.zeros((slots, OLD)), **_narrow_phase(sizes, zeros),
+        island=whole(trees), label=zeros(trees), old=np.zeros((slots, OLD)), **_narrow_phase(sizes, zeros),
     )  # fmt: skip
 
 

@@ -85,6 +85,7 @@ class Scratch(NamedTuple):
     F: np.ndarray  # pushes and what bears weight (bodies, 6)
     N: np.ndarray  # Newton's iteration of each tree: see effects/element.py
     pool: tuple | None  # Pool of pairs: see effects/pair.py
+    rows: tuple | None  # Rows of couplings, loops, tendons and pairs: see tree/rows.py
     closing: tuple | None  # Closing of loops: see closure.py
 
 
@@ -133,6 +134,7 @@ class Step(NamedTuple):
     N: np.ndarray
     pool: tuple | None
     part: np.record | None  # TREE of the one of several trees that takes the step
+    rows: tuple | None = None
     closing: tuple | None = None
 
 
@@ -143,7 +145,8 @@ def of_tree(step, part):
         scene=step.scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, N=step.N, pool=step.pool, part=part, closing=step.closing,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, N=step.N, pool=step.pool, part=part, rows=step.rows,
+        closing=step.closing,
     )  # fmt: skip
 
 
@@ -163,5 +166,6 @@ def with_bodies(step, tree):
         scene=scene, actuator=step.actuator, decay=step.decay, offsets=step.offsets, y=step.y, tau=step.tau,
         drive=step.drive, predicted=step.predicted, t=step.t, span=step.span, h=step.h, h_implicit=step.h_implicit,
         theta=step.theta, extrapolation_ratio=step.extrapolation_ratio, tolerance=step.tolerance,
-        W=step.W, Z=step.Z, C=step.C, F=step.F, N=step.N, pool=step.pool, part=step.part, closing=step.closing,
+        W=step.W, Z=step.Z, C=step.C, F=step.F, N=step.N, pool=step.pool, part=step.part, rows=step.rows,
+        closing=step.closing,
     )  # fmt: skip

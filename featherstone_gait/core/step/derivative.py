@@ -21,15 +21,15 @@ from ..effects.predicted import bases_at
 from ..effects.propeller import add_work, plus_propeller
 from ..effects.stop import stop_rates
 from ..effects.surface import clear_drives
-from ..effects.tendon import release_inertia
 from ..tree.aba import acceleration_pass
 from ..tree.ball import ball_positions, ball_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
-from .closure import close_joined, close_loops, joined_by, place_loops
+from .closure import joined_by, place_joined, place_loops
 from .context import of_tree
 from .newton import articulate, external_forces, rates_all
+from .row_solver import act_alone, act_joined
 
 
 @inline
@@ -86,7 +86,9 @@ def _rates_of_all(joined, trees, contact, step, dy):
     else:
         for k in range(len(trees)):
             _articulate(contact, of_tree(step, trees[k]))
-        close_joined(joined, step.scene.loops, contact, step)
+            place_loops(step.scene.loops, bases_at(None, step), of_tree(step, trees[k]))
+        place_joined(joined, step.scene.loops, bases_at(None, step), step)
+        act_joined(joined, contact, step)
         for k in range(len(trees)):
             _accelerate(of_tree(step, trees[k]), dy)
 
@@ -96,7 +98,7 @@ def _rates(contact, step, dy):
     """Find the accelerations of one tree; contact None: no row of contacts is taken into account."""
     _articulate(contact, step)
     place_loops(step.scene.loops, bases_at(None, step), step)
-    close_loops(step.scene.loops, contact, step)
+    act_alone(contact, step)
     _accelerate(step, dy)
 
 
@@ -114,7 +116,6 @@ def _accelerate(step, dy):
     n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
     v, a = y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
-    release_inertia(scene.tendons, step)
     acceleration_pass(scene.tree, part, step.W, a)
     fluid_powers(scene.fluid, step, dy)
     _propeller_powers(scene.propellers, step, v, dy)

@@ -12,10 +12,7 @@ from ..compile.lanes import select, width_of
 from ..compile.optional import if_present, only_if
 from ..effects.element import AT_WORK, FRACTION, SHARED, SLOPE, WRONG, shift_element, with_element
 from ..effects.pair import ON, clear_own_row, fold_pair, is_near, linearize_pair, solve_pair
-from ..effects.predicted import bases_at
 from ..tree.forest import base_index
-from ..tree.loop import fill_loops
-from .closure import held_in
 from .context import of_tree
 
 # ---------------------------------------------------------------------------------------------- who touches whom
@@ -113,15 +110,6 @@ def _label_joined(loops, pool):
         a, b = pool.label[loops.table[c].tree_a], pool.label[loops.table[c].tree_b]
         least = select(a < b, a, b)
         pool.label[loops.table[c].tree_a], pool.label[loops.table[c].tree_b] = least, least
-
-
-@if_present()
-def place_joining(loops, step):
-    """Fill the rows of loops that join trees, when the bodies of all stand in W."""
-    if loops.joined is not None:
-        own, count = loops.parts[len(loops.parts) - 1].end_loop, len(loops.table)
-        held, bases = held_in(loops, step.offsets, step.y), bases_at(step.predicted, step)
-        fill_loops(loops.table, (own, count), held, step.scene.gravity, bases, step.W, step.closing.rows)
 
 
 # ---------------------------------------------------------------------------------------------- its trees

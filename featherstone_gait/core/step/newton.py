@@ -38,8 +38,7 @@ from ..effects.pair import place_pairs
 from ..effects.predicted import bases_at, lookahead
 from ..effects.propeller import add_propellers
 from ..effects.push import add_pushes
-from ..effects.tendon import bind_tendons, release_tendons
-from ..tree.aba import acceleration_pass, articulated_pass, constrain
+from ..tree.aba import acceleration_pass, articulated_pass
 from ..tree.ball import ball_positions, last_balls, move_balls
 from ..tree.forest import base_count, base_index, base_of, joint_count, joints_of
 from ..tree.joint import accelerate
@@ -47,20 +46,19 @@ from ..tree.kinematics import motion_pass, move_base
 from ..tree.layout import UU, Motion, U
 from ..tree.residual import residual
 from ..tree.spatial import load3
-from .closure import close_loops, place_loops
+from .closure import joined_by, place_joined, place_loops
 from .context import of_tree, with_bodies
 from .island import (
     descend_points,
     each_tree,
     find_islands,
     fold_points,
-    place_joining,
     shift_points,
     solve_points,
     tree_number,
     trees_of,
 )
-from .row_solver import solve_rows
+from .row_solver import act_alone, act_together
 
 # What a step has of each kind of elements of a tree: see effects/element.py.
 KINDS = (
@@ -105,7 +103,7 @@ def solve_islands(pairs, step):
     for k in range(len(trees)):
         predict(step.predicted, of_tree(step, trees[k]))
     external_forces(scene.push, scene.lifts, scene.propellers, step, step.Z[VP])
-    place_joining(scene.loops, step)
+    place_joined(joined_by(scene.loops), scene.loops, bases_at(step.predicted, step), step)
     if any_lane(step.y[step.offsets.pair] > 0.0) or _join(scene.loops):
         place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
         find_islands(pairs, step)
@@ -227,12 +225,12 @@ def _pass(island, step):
     _prepare(island, step)
     if island is None:
         _articulate_tree(island, step)
-        close_loops(step.scene.loops, any_present(step.scene.contact, step.scene.fluid), step)
+        act_alone(any_present(step.scene.contact, step.scene.fluid), step)
         _finish(island, step)
     else:
         fold_points(island, step.scene.pairs, step)
         _articulate_tree(island, step)
-        solve_rows(island, step.scene.pairs, step)
+        act_together(island, step.scene.pairs, step)
         _finish(island, step)
         solve_points(island, step.scene.pairs, step)
 
@@ -253,7 +251,6 @@ def _articulate_tree(island, step):
 @each_tree
 @inline
 def _finish(island, step):
-    release_tendons(step.scene.tendons, step)
     acceleration_pass(step.scene.tree, step.part, step.W, step.Z[DA])
     solve_all(step)
 
@@ -490,26 +487,15 @@ def _solve_free(armature, predicted, step):
 def accelerations(diagonal, contact, step, qdd):
     """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
     articulate(diagonal, contact, step)
-    close_loops(step.scene.loops, any_present(contact, step.scene.fluid), step)
-    release_tendons(step.scene.tendons, step)
+    act_alone(any_present(contact, step.scene.fluid), step)
     acceleration_pass(step.scene.tree, step.part, step.W, qdd)
 
 
 @inline
 def articulate(diagonal, contact, step):
-    """Do the first of these passes, and what couples joints; contact None leaves contact rows out of account.
-
-    With tendons `release_tendons` comes before the second.
-    """
+    """Do the first of these passes; contact None leaves contact rows out of account."""
     scene, part = step.scene, step.part
     base_q = base_of(scene.floating, part, step.y, step.offsets.base_q, 7)
     wrench = only_if(any_present(any_present(scene.push, scene.lifts), scene.propellers), step.F)
-    _articulate(any_present(contact, scene.fluid), base_q, wrench, diagonal, step)
-
-
-@inline
-def _articulate(contact, base_q, wrench, diagonal, step):
-    scene, part = step.scene, step.part
+    contact = any_present(contact, scene.fluid)
     articulated_pass(scene.tree, part, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
-    constrain(scene.coupling, part, base_q, contact, scene.tree, step.W)
-    bind_tendons(scene.tendons, contact, step)

@@ -15,28 +15,11 @@ poses, velocities and a_i, is `motion_pass` (kinematics.py).
 
 from ..compile.jit import inline, kernel
 from ..compile.optional import plus_item
-from .coupling import couple
 from .forest import is_fixed, rows_of
 from .joint import accelerate, project
-from .kinematics import base_acceleration, motion_pass
 from .layout import DINV, SF, SH, SJ, SM, TOUCH, UU, R, U
 from .rigid_body import inertial_force, mass_center
 from .spatial import about_origin, accumulate3, add, choose, dot, load3, load9, rotate, scale, solve6, store3, sub
-
-
-@kernel
-def aba(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
-    """Compute forward dynamics: fill qdd (n,) [rad/s^2 or m/s^2] and, of a floating base, base_qdd (6,).
-
-    robot a `Robot`; motion a `Motion` without accelerations; base_tau (6,) [N; N m] or None; tau (n,) [N m or N];
-    wrench (n+1, 6) external [moment; force] about the common origin, world axes [N m; N] or None; W workspace.
-    """
-    motion_pass(robot.tree, None, robot.gravity, motion, W)  # pass 1
-    articulated_pass(robot.tree, None, motion.base_q, base_tau, tau, robot.armature, wrench, None, W)
-    constrain(robot.coupling, None, motion.base_q, None, robot.tree, W)
-    acceleration_pass(robot.tree, None, W, qdd)
-    base_acceleration(0, base_qdd, W)
-
 
 # ------------------------------------------------------------------------- pass 2, tips to root: IA, pA, U, D and u
 
@@ -149,19 +132,6 @@ def _root(tree, part, base_q, base_tau, wrench, contact, W):
         dA = solve6(J, H, M, n, f)
         for k in range(6):
             W[root, U + k] = -dA[k]
-
-
-@inline
-def constrain(coupling, part, base_q, contact, tree, W):
-    """Make followers go with their leaders (coupling.py); call it between the two passes.
-
-    `coupling` None: there are none; part, base_q and contact as the first pass had them.
-    """
-    if coupling is not None:
-        if base_q is None:
-            couple(None, coupling, part, tree, W)
-        else:
-            couple(root_inertia(tree, part, contact, W), coupling, part, tree, W)
 
 
 @inline

@@ -2,13 +2,13 @@
 
 from ..compile.elementary import exp
 from ..compile.jit import entry, inline
-from ..compile.optional import in_lanes, item
-from .aba import aba, acceleration_pass, articulated_pass, constrain
+from ..compile.optional import if_present, in_lanes, item
 from .crba import crba
 from .energy import center_of_mass, energy, momentum
-from .kinematics import base_acceleration, motion_pass
+from .forward_dynamics import aba
+from .kinematics import motion_pass
 from .layout import Motion
-from .loop import BIAS, EXACT, GAP, SPEED, close, fill_loops, loop_jacobian
+from .loop import BIAS, GAP, PULL, SPEED, fill_loops, loop_jacobian
 from .rnea import rnea
 
 
@@ -26,20 +26,29 @@ def _row(motion, i):
     )
 
 
-def aba_rows(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
-    """Call `aba` for each row of the arrays; W (1, rows, columns)."""
+def aba_rows(robot, motion, base_tau, tau, wrench, scratch, base_qdd, qdd, forces):
+    """Call `aba` for each row of the arrays; scratch: W (1, rows, columns) and rows; forces (n, m) of loops or None."""
+    work = scratch[0][0], scratch[1]
     for i in range(len(tau)):
-        aba(robot, _row(motion, i), item(base_tau, i), tau[i], item(wrench, i), W[0], item(base_qdd, i), qdd[i])
+        aba(robot, _row(motion, i), item(base_tau, i), tau[i], item(wrench, i), work, item(base_qdd, i), qdd[i])
+        _keep_forces(forces, i, scratch[1])
 
 
 aba_rows, _aba_all = entry(aba_rows), inline(aba_rows)
 
 
 @entry
-def aba_lanes(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
+def aba_lanes(robot, motion, base_tau, tau, wrench, scratch, base_qdd, qdd, forces):
     """Do the same with eight states to a row: the arrays have a last axis of lanes."""
-    seen = in_lanes(base_tau), in_lanes(tau), in_lanes(wrench)
-    _aba_all(robot, in_lanes(motion), seen[0], seen[1], seen[2], in_lanes(W), in_lanes(base_qdd), in_lanes(qdd))
+    seen, work = (in_lanes(base_tau), in_lanes(tau), in_lanes(wrench)), (in_lanes(scratch[0]), in_lanes(scratch[1]))
+    out = in_lanes(base_qdd), in_lanes(qdd), in_lanes(forces)
+    _aba_all(robot, in_lanes(motion), seen[0], seen[1], seen[2], work, out[0], out[1], out[2])
+
+
+@if_present()
+def _keep_forces(forces, i, rows):
+    for r in range(len(rows.loops)):
+        forces[i, r] = rows.loops[r, PULL]
 
 
 def rnea_rows(robot, motion, wrench, W, base_tau, tau):
@@ -101,30 +110,6 @@ def loop_rows(robot, loops, motion, W, rows, measures, base_J, J):
             measures[i, 1, r] = rows[r, SPEED]
             measures[i, 2, r] = rows[r, BIAS]
         loop_jacobian(robot.tree, loop, rows, W[0], item(base_J, i), J[i])
-
-
-@entry
-def closed_rows(robot, loops, motion, given, scratch, out):
-    """Compute the accelerations of robots whose loops stay closed.
-
-    loops: (1,) TREE, LOOP and what is `held` of `fill_loops`; given: base_tau (n, 6), tau (n, joints), wrench
-    (n, bodies, 6); scratch: W, rows and that of `close`; out: base_qdd (n, 6), qdd (n, joints) and the
-    forces (n, m) to fill.
-    """
-    (trees, loop, held), (base_tau, tau, wrench), (base_qdd, qdd, forces) = loops, given, out
-    W, rows, responses, roots, L, listed = scratch
-    part = trees[0]
-    for i in range(len(tau)):
-        at = _row(motion, i)
-        motion_pass(robot.tree, None, robot.gravity, at, W[0])
-        fill_loops(loop, (0, len(loop)), held, robot.gravity, at.base_q, W[0], rows)
-        push = item(wrench, i)
-        articulated_pass(robot.tree, part, at.base_q, item(base_tau, i), tau[i], robot.armature, push, None, W[0])
-        constrain(robot.coupling, part, at.base_q, None, robot.tree, W[0])
-        found = W[0], responses, roots, L, listed
-        close(robot, trees, (0, len(loop)), None, loop, None, EXACT, rows, found, forces[i])
-        acceleration_pass(robot.tree, part, W[0], qdd[i])
-        base_acceleration(0, item(base_qdd, i), W[0])
 
 
 @entry

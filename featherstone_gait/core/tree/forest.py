@@ -28,6 +28,7 @@ TREE = record(
     end_tendon=int,
     loop=int,  # first loop, of those that join no other tree
     end_loop=int,
+    row=int,  # first row of couplings, tendons and those loops
     falls=int,  # 1 = it can fall
     min_height=float,  # of the center of mass over the ground, along its normal [m]; below it the robot has fallen
     min_upright=float,  # cosine of the base's tilt; below it the robot has fallen
@@ -88,9 +89,27 @@ def tendons_of(part, tendons):
 
 
 @inline
-def loops_of(part):
+def loops_of(part, loop):
     """Return the first loop of a tree that joins no other, and the one after the last."""
+    if part is None:
+        return 0, len(loop)
     return part.loop & LARGEST, part.end_loop & LARGEST
+
+
+@inline
+def own_loops(trees, loop):
+    """Return the number of loops that join no trees; those that do come after them."""
+    if trees is None:
+        return len(loop)
+    return trees[len(trees) - 1].end_loop & LARGEST
+
+
+@inline
+def system_of(part):
+    """Return the first block and the first row of the system of a tree alone (rows.py)."""
+    if part is None:
+        return 0, 0
+    return (part.coupling + part.tendon + part.loop) & LARGEST, part.row & LARGEST
 
 
 @inline

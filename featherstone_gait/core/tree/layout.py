@@ -46,7 +46,7 @@ A = 18  # 6: acceleration less gravity [rad/s^2; m/s^2]; in `aba` the one at zer
 U = 24  # 6: U = IA S [kg m^2; kg m]; the last pass of `aba` replaces it by dA, what the joint accelerations add to A
 DINV = 30  # 1 / D [1/(kg m^2) or 1/kg]
 UU = 31  # u [N m or N]
-COLUMNS = 32  # of a robot with couplings one more for each: see coupling.py
+COLUMNS = 32
 
 # Columns of a slot: articulated (or composite) inertia [[J, H], [H', M]] and force, summed over the children.
 SJ = 0  # 6: xx xy xz yy yz zz [kg m^2]
@@ -64,8 +64,12 @@ class Robot(NamedTuple):
     armature: np.ndarray | None  # (n,) inertia added to each joint [kg m^2 or kg]
     gravity: np.ndarray  # (3,) [m/s^2]
     coupling: np.ndarray | None = None  # (couplings,) COUPLING
+    loops: tuple | None = None  # Loops
+    held: tuple | None = None  # what is `held` of `fill_loops`: all are closed
+    floating: bool | None = None  # True or None
+    trees: None = None
 
-    SHARED = ("tree", "armature", "gravity", "coupling")
+    SHARED = ("tree", "armature", "gravity", "coupling", "loops", "held")
 
 
 @structure

@@ -6,24 +6,39 @@ row has a gap, its speed J qd and the bias Jdot qd.  The accelerations are those
 
     M a = tau - c + J' f,   J a + Jdot qd = 0,
 
-so L f = -(J a0 + Jdot qd) with L = J M^-1 J', by unit forces in the factors of the first pass (`rows.py`).  Rows are
-scaled to a unit diagonal of L and the system is solved with a small compliance, several times, each from the forces
-of the last (the proximal method of multipliers): redundant rows share their force, and a posture in which rows
-depend on each other is no exception.
+rigid rows of rows.py.
 
 A loop may join two trees, each of which has a common frame of its own: the point on body b and what acts there are in
 that of its tree.
 """
 
+from typing import NamedTuple
+
+import numpy as np
+
 from ..compile.jit import inline, kernel
-from ..compile.lanes import select, sqrt
-from ..compile.structure import record
-from .coupling import DA
-from .forest import base_index, rows_of
-from .joint import accelerate, along
-from .layout import DINV, A, P, R, U, V
-from .rank_one import release_rows, unbind
-from .rows import acceleration_along, add_force, add_moment, answer_root, apply_row, clear_row, common_product
+from ..compile.lanes import any_lane, select, sqrt
+from ..compile.optional import if_present, item
+from ..compile.structure import record, structure
+from .forest import LARGEST, rows_of
+from .joint import along
+from .layout import DINV, A, P, R, V
+from .rows import (
+    FORCE,
+    KIND,
+    LEAST,
+    LOOPED,
+    OFF,
+    OPEN,
+    ROW,
+    SOURCE,
+    add_block,
+    answer_base,
+    clear_block,
+    entry_of,
+    make_rigid,
+    push_body,
+)
 from .spatial import add, compose, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub
 
 CONNECT, WELD, HINGE, DISTANCE = 0, 1, 2, 3
@@ -40,6 +55,16 @@ LOOP = record(
 )
 WORLD = -1
 
+
+@structure
+class Loops(NamedTuple):
+    """The loops of a scene: those of each tree, one tree after the other, then those that join trees."""
+
+    table: np.ndarray  # (loops,) LOOP
+    rows: np.ndarray  # (1,) number of rows, for the size of the scratch
+    joined: bool | None = None  # True where loops join trees, None where none does
+
+
 # Numbers of a place, where a loop holds its second body; a run may change it (`take_place`).
 POINT = 0  # 3: point in the frame of body b, or in the world [m]
 FRAME = 3  # 9: frame -> body b, row by row
@@ -54,23 +79,15 @@ GAP = 9  # [m or rad]
 SPEED = 10  # [m/s or rad/s]
 BIAS = 11  # [m/s^2 or rad/s^2]
 ON = 12  # 1 of a loop that is closed, 0 of one that is open
-SIZE = 13
+PULL = 13  # force or moment on body a along its direction [N or N m]
 
-# Compliance of a row, by its diagonal of L, and rounds of the iteration: of a combination of rows with the eigenvalue k
-# of the scaled L they leave (compliance / (compliance + k))^rounds.  In a step the rows of intermediate states, which
-# are open by the square of the step, contradict each other where they depend on each other at closed ones.
-EXACT, IN_STEP = (1e-8, 10), (1e-6, 4)
-# Rows of the forces, or moments, of a loop are scaled by their own diagonal of L, but as if it were at least so much of
-# the largest among them.  Where digits of a file let axes differ a little, a row across a plane moves by that little
-# alone, and what it contradicts the others by would become a force larger by its inverse.
-ALIKE = 1e-4
 IMMOVABLE = 1e-26  # of the most that L could have on its diagonal: a row below it moves nothing but by rounding
 SHORTEST = 1e-12  # distance of two points that still has a direction [m]
 
 
 @kernel
 def fill_loops(loop, span, held, gravity, bases, W, rows):
-    """Fill the rows (m, SIZE) of the loops of a span, first and end; call it after `motion_pass` without accelerations.
+    """Fill the rows (m, LOOP) of the loops of a span, first and end, after `motion_pass` without accelerations.
 
     loop (loops,) LOOP; held: 1 of each that is closed (loops,), and their places (loops * PLACE,); gravity (3,)
     [m/s^2]; bases (7 trees,): positions of all bases, None where none has any.
@@ -81,7 +98,7 @@ def fill_loops(loop, span, held, gravity, bases, W, rows):
         xa, xb = _point(bases, k.tree_a, k.a, k.pa, W), _point(bases, k.tree_b, k.b, _three(places, at), W)
         x = sub(xa, _from_b(bases, k, xb))
         for t in range(row_count(k.kind)):
-            rows[k.first + t, ON] = closed[c] + zero
+            rows[k.first + t, ON], rows[k.first + t, PULL] = closed[c] + zero, zero
         if k.kind == DISTANCE:
             _fill_rod(k, places[at + LENGTH], x, xa, xb, _moving(k, gravity, xa, xb, W), rows)
         else:
@@ -304,274 +321,87 @@ def _add_end(tree, i, t, d, x, r, W, base_J, J):
                 base_J[r, 3 + k] += n[k]
 
 
-# ------------------------------------------------------------------------------------------------- forces
+# ------------------------------------------------------------------------------------------------- rows of a system
+
+
+@inline
+def list_loops(loop, first, last, closed, end, rows):
+    """Add loops of a range to the blocks of a system, but those that are open in all lanes, and return its end."""
+    for c in range(first, last):
+        if any_lane(closed[c] > 0.0):
+            end = add_block(rows, end, LOOPED, c, row_count(loop[c].kind), (loop[c].tree_a, loop[c].tree_b))
+    return end
 
 
 @kernel
-def close(robot, parts, span, contact, loop, lines, softness, rows, scratch, force):
-    """Let forces of the loops of a span act on the solutions that the first pass and the couplings have left.
-
-    parts: TREE of all trees; span: first loop and the one after the last; contact: as the first pass had it; lines:
-    records of what rank_one.py has bound to the factors, or None; softness: EXACT or IN_STEP; rows as `fill_loops` has
-    filled them; scratch: W, responses (m, sides, bodies), roots (m, sides, 12), L (m, m + 2), of all rows, and `listed`
-    (2, m); force (m,) [N or N m] becomes the force or moment of each row on body a along its direction.
-    """
-    (W, responses, roots, L, listed), count, begin = scratch, 0, loop[span[0]].first
-    for c in range(span[0], span[1]):
-        count = list_rows(loop, c, count, listed)
-        respond_loop(robot, parts, contact, loop[c], lines, W, rows, responses, roots)
-    L = L[begin : begin + count]
-    fill_system(robot.tree, parts, loop, count, listed, W, rows, (responses, roots), L, force)
-    own = force[begin : begin + count]
-    factor_rows(L, softness)
-    solve_rows(L, softness, own)
-    for r in range(count):
-        apply_loop_row(robot.tree, parts, loop[listed[1, r]], begin + r, own[r], W, responses, roots)
+def respond_loops(loop, scene, system, softness, contact, W, rows):
+    """Fill what unit forces along the rows of the loops of a system leave, when `fill_loops` has filled these."""
+    for b in range(system[0] & LARGEST, system[1] & LARGEST):
+        if rows.block[b, KIND] == LOOPED:
+            k, least = loop[entry_of(b, SOURCE, rows)], 0.0 * W[0, P]
+            clear_block(scene, b, W, rows)
+            make_rigid(b, softness, rows)
+            _respond(scene, k, b, W, rows)
+            answer_base(scene, b, contact, W, rows)
+            least = IMMOVABLE * _most(scene, k, rows.loops, W)
+            for t in range(row_count(k.kind)):
+                r = entry_of(b, ROW, rows) + t
+                rows.numbers[r, OPEN] = rows.loops[k.first + t, BIAS]
+                rows.numbers[r, LEAST] = select(rows.loops[k.first + t, ON] > 0.0, least, OFF + 0.0 * least)
 
 
 @inline
-def span_rows(loop, span):
-    """Return the first row of a span of loops, and the one after the last."""
-    last = loop[span[1] - 1]
-    return loop[span[0]].first, last.first + row_count(last.kind)
-
-
-@inline
-def release_loops(lines, tree, parts, loop, span, W, responses, roots):
-    """Take what rank_one.py has bound once more from rows, for a solution made of them."""
-    for c in range(span[0], span[1]):
-        k = loop[c]
-        release_rows(lines, tree, parts[k.tree_a], k.first, row_count(k.kind), 0, W, responses, roots)
-        if k.tree_a != k.tree_b:
-            release_rows(lines, tree, parts[k.tree_b], k.first, row_count(k.kind), 1, W, responses, roots)
-
-
-@inline
-def list_rows(loop, c, count, listed):
-    """Add the rows of loop c to a list that has `count` of them; return how many it has then.
-
-    listed (2, m): numbers of rows, and of their loops.
-    """
-    for t in range(row_count(loop[c].kind)):
-        listed[0, count], listed[1, count] = loop[c].first + t, c
-        count += 1
-    return count
-
-
-@inline
-def _side_b(k):
-    """Return the side of a loop's rows that body b is on."""
-    if k.tree_a == k.tree_b:
-        return 0
-    return 1
-
-
-@kernel
-def respond_loop(robot, parts, contact, k, lines, W, rows, responses, roots):
-    """Fill the responses of the trees to unit forces along the rows of a loop."""
-    tree, a, b, side, count = robot.tree, parts[k.tree_a], parts[k.tree_b], _side_b(k), row_count(k.kind)
-    for t in range(count):
-        r = k.first + t
-        clear_row(a, tree, r, 0, responses, roots)
-        if side == 1:
-            clear_row(b, tree, r, 1, responses, roots)
-        d = load3(rows, r, D)
+def _respond(scene, k, b, W, rows):
+    side = 0 if k.tree_a == k.tree_b else 1
+    root_a, _ = rows_of(item(scene.trees, k.tree_a), scene.tree)
+    root_b, _ = rows_of(item(scene.trees, k.tree_b), scene.tree)
+    for t in range(row_count(k.kind)):
+        r, at = entry_of(b, ROW, rows) + t, k.first + t
+        d = load3(rows.loops, at, D)
         if k.a == k.b:  # what is between moves as one
             d = scale(d, 0.0)
-        back = scale(d, -1.0)
+        back, none = scale(d, -1.0), scale(d, 0.0)
         if t >= 3:
-            add_moment(tree, a, k.a, d, r, 0, W, responses, roots)
+            push_body(scene.tree, root_a, k.a, d, none, (b, r, 0), W, rows)
             if k.b >= 0:
-                add_moment(tree, b, k.b, back, r, side, W, responses, roots)
+                push_body(scene.tree, root_b, k.b, back, none, (b, r, side), W, rows)
         else:
-            add_force(tree, a, k.a, load3(rows, r, PA), d, r, 0, W, responses, roots)
+            push_body(scene.tree, root_a, k.a, cross(load3(rows.loops, at, PA), d), d, (b, r, 0), W, rows)
             if k.b >= 0:
-                add_force(tree, b, k.b, load3(rows, r, PB), back, r, side, W, responses, roots)
-    answer_root(robot, a, contact, k.first, count, 0, W, responses, roots)
-    unbind(lines, tree, a, k.first, count, 0, W, responses, roots)
-    if side == 1:
-        answer_root(robot, b, contact, k.first, count, 1, W, responses, roots)
-        unbind(lines, tree, b, k.first, count, 1, W, responses, roots)
+                m = cross(load3(rows.loops, at, PB), back)
+                push_body(scene.tree, root_b, k.b, m, back, (b, r, side), W, rows)
 
 
-@kernel
-def fill_system(tree, parts, loop, count, listed, W, rows, found, L, e):
-    """Fill the lower triangle of L (count, at least count + 1) of listed rows and their accelerations e, of all rows.
-
-    The next column of L takes the least diagonal of a row that does anything, the one after it the least by which rows
-    are scaled; found: responses and roots.
-    """
-    (responses, roots), least = found, 0.0 * W[0, P]
-    for r in range(count):
-        at, k = listed[0, r], loop[listed[1, r]]
-        for s in range(r + 1):
-            L[r, s] = common_product(tree, parts, (k, at), found, (loop[listed[1, s]], listed[0, s]), found, W)
-        e[at] = acceleration_along(parts[k.tree_a], tree, at, 0, W, responses, roots)
-        if k.tree_a != k.tree_b:
-            e[at] = e[at] + acceleration_along(parts[k.tree_b], tree, at, 1, W, responses, roots)
-        e[at] = e[at] + rows[at, BIAS]
-        if at == k.first:
-            least = IMMOVABLE * _most(tree, parts, k, rows, W)
-        L[r, len(L)] = select(rows[at, ON] > 0.0, least, 1e300 + 0.0 * least)
-    for r in range(count):
-        largest = L[r, r]
-        for s in range(max(r - 2, 0), min(r + 3, count)):  # the rows of forces, or of moments, of a loop
-            if listed[1, s] == listed[1, r] and _is_force(loop, listed, s) == _is_force(loop, listed, r):
-                largest = select(L[s, s] > largest, L[s, s], largest)
-        L[r, len(L) + 1] = ALIKE * largest
+@if_present()
+def note_forces(loops, system, rows):
+    """Store the forces of the loops of a system."""
+    for b in range(system[0] & LARGEST, system[1] & LARGEST):
+        if rows.block[b, KIND] == LOOPED:
+            k = loops.table[entry_of(b, SOURCE, rows)]
+            for t in range(row_count(k.kind)):
+                rows.loops[k.first + t, PULL] = rows.numbers[entry_of(b, ROW, rows) + t, FORCE]
 
 
 @inline
-def _is_force(loop, listed, r):
-    return listed[0, r] - loop[listed[1, r]].first < 3
-
-
-@inline
-def _most(tree, parts, k, rows, W):
+def _most(scene, k, numbers, W):
     """Return what a unit force with the longest lever could do to a joint, as a diagonal of L [1/kg]."""
-    most, far = 0.0 * rows[k.first, GAP], 0.0 * rows[k.first, GAP]
+    most, far = 0.0 * numbers[k.first, GAP], 0.0 * numbers[k.first, GAP]
     for r in range(k.first, k.first + row_count(k.kind)):
         for at in (PA, PB):
-            x = load3(rows, r, at)
+            x = load3(numbers, r, at)
             square = dot(x, x)
             far = select(square > far, square, far)
-    most = _reach(tree, parts[k.tree_a], far, most, W)
+    most = _reach(scene, k.tree_a, far, most, W)
     if k.tree_a != k.tree_b:
-        most = _reach(tree, parts[k.tree_b], far, most, W)
+        most = _reach(scene, k.tree_b, far, most, W)
     return most
 
 
 @inline
-def _reach(tree, part, far, most, W):
-    root, end = rows_of(part, tree)
+def _reach(scene, number, far, most, W):
+    root, end = rows_of(item(scene.trees, number), scene.tree)
     for i in range(root + 1, end):
         p = load3(W, i, P)
         reach = W[i, DINV] * (1.0 + far + dot(p, p))
         most = select(reach > most, reach, most)
     return most
-
-
-@inline
-def apply_loop_row(tree, parts, k, r, f, W, responses, roots):
-    """Let the force f of a row of loop k act on the solutions of its trees."""
-    apply_row(parts[k.tree_a], tree, r, 0, f, W, responses, roots)
-    if k.tree_a != k.tree_b:
-        apply_row(parts[k.tree_b], tree, r, 1, f, W, responses, roots)
-
-
-@inline
-def factor_rows(L, softness):
-    """Factor the lower triangle of L (m, m + 2 or more), scaled to a unit diagonal or less, with the compliance.
-
-    Columns m and m + 1: of `fill_system`; the scale replaces the first, 0 of a row that does nothing.
-    """
-    m, (compliance, _) = len(L), softness
-    for r in range(m):
-        movable = L[r, r] > L[r, m]
-        size = select(L[r, r] > L[r, m + 1], L[r, r], L[r, m + 1])
-        L[r, m] = select(movable, 1.0 / sqrt(select(movable, size, 1.0)), 0.0)
-    for r in range(m):
-        for s in range(r + 1):
-            L[r, s] = L[r, s] * L[r, m] * L[s, m]
-        L[r, r] = L[r, r] + compliance
-    _factor(L, m)
-
-
-@kernel
-def solve_rows(L, softness, x):
-    """Solve L f = -x by the proximal iteration in the factors of `factor_rows`; f replaces x."""
-    m, (compliance, rounds) = len(x), softness
-    for r in range(m):
-        L[r, m + 1] = -x[r] * L[r, m]  # the scaled right-hand side
-        x[r] = 0.0
-    for _ in range(rounds):
-        for r in range(m):
-            x[r] = L[r, m + 1] + compliance * x[r]
-        forward(L, m, x)
-        backward(L, m, x)
-    for r in range(m):
-        x[r] = x[r] * L[r, m]
-
-
-@inline
-def _factor(L, m):
-    """Replace the lower triangle by its Cholesky factor, whose diagonal is kept inverted."""
-    for r in range(m):
-        for s in range(r + 1):
-            y = L[r, s]
-            for k in range(s):
-                y = y - L[r, k] * L[s, k]
-            if s < r:
-                L[r, s] = y * L[s, s]
-            else:
-                L[r, r] = 1.0 / sqrt(y)
-
-
-@inline
-def forward(L, m, x):
-    """Solve F y = x with the factor F; y replaces x."""
-    for r in range(m):
-        for k in range(r):
-            x[r] = x[r] - L[r, k] * x[k]
-        x[r] = x[r] * L[r, r]
-
-
-@inline
-def backward(L, m, x):
-    """Solve F' y = x."""
-    for t in range(m):
-        r = m - 1 - t
-        for k in range(r + 1, m):
-            x[r] = x[r] - L[k, r] * x[k]
-        x[r] = x[r] * L[r, r]
-
-
-# ------------------------------------------------------------------------------------------------- moves
-
-
-@inline
-def keep_factors(part, tree, W, factors):
-    """Copy the columns U of the bodies, which `acceleration_pass` overwrites, to factors (bodies, 6)."""
-    root, end = rows_of(part, tree)
-    for i in range(root + 1, end):
-        for k in range(6):
-            factors[i, k] = W[i, U + k]
-
-
-@kernel
-def move_by(part, tree, loop, span, force, scratch, W, out):
-    """Fill out (n,) with the move M^-1 J' f of a tree's joints, of forces (m,) of the loops of a span.
-
-    The move of the base is left in the columns U of the root, as `acceleration_pass` leaves an acceleration;
-    scratch: responses and roots of `close`, and the factors that `keep_factors` has kept.
-    """
-    (responses, roots, factors), (root, end) = scratch, rows_of(part, tree)
-    for k in range(6):
-        total = 0.0 * W[root, P]
-        for c in range(span[0], span[1]):
-            side = side_of(part, loop[c])
-            if side >= 0:
-                for r in range(loop[c].first, loop[c].first + row_count(loop[c].kind)):
-                    total = total + force[r] * roots[r, side, DA + k]
-        W[root, U + k] = total
-    for i in range(root + 1, end):
-        b, u = tree[i], 0.0 * W[i, P]
-        for c in range(span[0], span[1]):
-            side = side_of(part, loop[c])
-            if side >= 0:
-                for r in range(loop[c].first, loop[c].first + row_count(loop[c].kind)):
-                    u = u + force[r] * responses[r, side, i - root]
-        dn, df = load3(W, b.parent, U), load3(W, b.parent, U + 3)
-        a = (u - (dot(load3(factors, i, 0), dn) + dot(load3(factors, i, 3), df))) * W[i, DINV]
-        out[b.dof] = a
-        accelerate(b, i, dn, df, a, W, W, U)
-
-
-@inline
-def side_of(part, k):
-    """Return the side of a loop's rows that is a tree's, -1 if none is."""
-    if k.tree_a == base_index(part):
-        return 0
-    if k.tree_b == base_index(part):
-        return 1
-    return -1
