@@ -475,30 +475,42 @@ def _scale_rigid(b, begin, rows):
 
 @inline
 def _take_slopes(b, c, begin, rows):
-    """Turn a block of L into that of W' L W."""
-    (start, end), (from_, to), L, F = span_of(b, rows), span_of(c, rows), rows.matrix, rows.factor
-    if rows.block[b, RIGID] == 1:
-        for r in range(start, end):
-            for s in range(from_, to):
-                L[r, s - begin] = L[r, s - begin] * F[r, r - start]
+    """Turn a block of L into that of W' L W; of the usual sizes the loops are unrolled."""
+    (start, end), (from_, to) = span_of(b, rows), span_of(c, rows)
+    rigid = rows.block[b, RIGID] == 1, rows.block[c, RIGID] == 1
+    if end - start == 3 and to - from_ == 3:
+        _take_sized(rigid, (start, 3), (from_, 3), begin, rows)
     else:
-        for s in range(from_, to):
-            for r in range(start, end):
-                x = F[r, r - start] * L[r, s - begin]
-                for k in range(r + 1, end):
-                    x = x + F[k, r - start] * L[k, s - begin]
-                L[r, s - begin] = x
-    if rows.block[c, RIGID] == 1:
-        for r in range(start, end):
-            for s in range(from_, to):
-                L[r, s - begin] = L[r, s - begin] * F[s, s - from_]
+        _take_sized(rigid, (start, end - start), (from_, to - from_), begin, rows)
+
+
+@inline
+def _take_sized(rigid, one, other, begin, rows):
+    """Do so for blocks given by their first row and size."""
+    (p, m), (q, n), L, F = one, other, rows.matrix, rows.factor
+    at = q - begin
+    if rigid[0]:
+        for r in range(m):
+            for s in range(n):
+                L[p + r, at + s] = L[p + r, at + s] * F[p + r, r]
     else:
-        for r in range(start, end):
-            for s in range(from_, to):
-                x = L[r, s - begin] * F[s, s - from_]
-                for k in range(s + 1, to):
-                    x = x + L[r, k - begin] * F[k, s - from_]
-                L[r, s - begin] = x
+        for s in range(n):
+            for r in range(m):
+                x = F[p + r, r] * L[p + r, at + s]
+                for k in range(r + 1, m):
+                    x = x + F[p + k, r] * L[p + k, at + s]
+                L[p + r, at + s] = x
+    if rigid[1]:
+        for r in range(m):
+            for s in range(n):
+                L[p + r, at + s] = L[p + r, at + s] * F[q + s, s]
+    else:
+        for r in range(m):
+            for s in range(n):
+                x = L[p + r, at + s] * F[q + s, s]
+                for k in range(s + 1, n):
+                    x = x + L[p + r, at + k] * F[q + k, s]
+                L[p + r, at + s] = x
 
 
 @kernel
