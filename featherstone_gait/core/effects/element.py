@@ -148,27 +148,19 @@ _shifted = componentwise("shifted({0}, {1}, {2}, {3})", shifted=shifted)
 
 
 @inline
-def speed_at(fraction, kind, c, step):
-    """Return the speed of the element c at a fraction of the pass; None: at SOLUTION, its end."""
-    if fraction is None:
-        return load(kind, c, SOLUTION, step)
-    return _between(load(kind, c, ITERATE, step), load(kind, c, SOLUTION, step), fraction)
-
-
-@inline
 def with_element(fraction, kind, c, step, wrong, slope):
     """Return `slope` with the element's part of the slope of the convex function at a fraction of the pass [W].
 
     fraction None: at the end of the pass, and `wrong` too, also where the force there is not the linear model's.
     """
-    u = speed_at(fraction, kind, c, step)
-    f = force_at(kind, c, u, step)
-    way = _difference(load(kind, c, SOLUTION, step), load(kind, c, ITERATE, step))
+    here, there = load(kind, c, ITERATE, step), load(kind, c, SOLUTION, step)
     if fraction is None:
+        f = force_at(kind, c, there, step)
         error = _difference(load(kind, c, MODEL, step), f)
-        return wrong | differs(kind, c, u, f, error, step), slope + _dot(way, error)
+        return wrong | differs(kind, c, there, f, error, step), slope + _dot(_difference(there, here), error)
+    f = force_at(kind, c, _between(here, there, fraction), step)
     inertial = _between(load(kind, c, INERTIAL, step), load(kind, c, MODEL, step), fraction)
-    return wrong, slope + _dot(way, _difference(inertial, f))
+    return wrong, slope + _dot(_difference(there, here), _difference(inertial, f))
 
 
 @inline

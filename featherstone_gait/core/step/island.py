@@ -121,10 +121,10 @@ def each_tree(function):
     @inline
     def of_each(island, step):
         if island is None:
-            function(island, step)
+            function(step)
         else:
             for i in range(step.pool.first_tree[island], step.pool.first_tree[island + 1]):
-                function(island, of_tree(step, step.scene.trees[step.pool.trees[i]]))
+                function(of_tree(step, step.scene.trees[step.pool.trees[i]]))
 
     return of_each
 

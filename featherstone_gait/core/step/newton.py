@@ -89,7 +89,7 @@ def solve_step(step):
     """
     predict(step.predicted, step)
     external_forces(step.scene.push, step.scene.lifts, step.scene.propellers, step, step.Z[VP])
-    find_velocities(None, step)
+    find_velocities(_forces(step), None, step)
 
 
 @kernel
@@ -114,7 +114,7 @@ def solve_islands(pairs, step):
         if pool.first_point[n + 1] > pool.first_point[n] or _join(scene.loops):
             _solve_island(n, step)
         else:
-            find_velocities(None, of_tree(alone, trees[pool.trees[pool.first_tree[n]]]))
+            find_velocities(_forces(step), None, of_tree(alone, trees[pool.trees[pool.first_tree[n]]]))
 
 
 @if_present(False)
@@ -134,7 +134,7 @@ def _each_alone(pool, count):
 
 @apart
 def _solve_island(n, step):
-    find_velocities(n, step)
+    find_velocities(True, n, step)
 
 
 @inline
@@ -168,18 +168,18 @@ def acting(step):
 
 
 @inline
-def find_velocities(island, step):
-    """Iterate by Newton's method, or solve one ABA where no force depends on the velocity sought.
+def _forces(step):
+    """Return True, None where no force depends on the velocity sought."""
+    return any_present(any_present(acting(step), step.tau), step.scene.contact)
+
+
+@inline
+def find_velocities(forces, island, step):
+    """Iterate by Newton's method, or solve one ABA where there are no `forces` that depend on the velocity sought.
 
     island : int or None
         Number of the island whose trees are solved together; None: the step's tree alone.
     """
-    forces = any_present(any_present(acting(step), step.tau), any_present(step.scene.contact, island))
-    _find_velocities(forces, island, step)
-
-
-@inline
-def _find_velocities(forces, island, step):
     if forces is None:
         _solve_free(step.scene.armature, step.predicted, step)
         return
@@ -213,7 +213,7 @@ def _iterate(noted, island, step):
 
 @each_tree
 @inline
-def _begin(island, step):
+def _begin(step):
     """Set a tree to work, but in lanes that are not finite."""
     Z, N, t, zero = step.Z, step.N, base_index(step.part), 0.0 * step.y[step.offsets.newton_iterations]
     N[t, AT_WORK], N[t, FRACTION] = select(Z[VP, 0] == Z[VP, 0], 1.0 + zero, zero), 1.0 + zero
@@ -224,12 +224,12 @@ def _pass(island, step):
     """Linearize all forces and solve; fill velocities and the linear model's forces at its solution."""
     _prepare(island, step)
     if island is None:
-        _articulate_tree(island, step)
+        articulate(step.Z[DIAGONAL], step.scene.contact, step)
         act_alone(any_present(step.scene.contact, step.scene.fluid), step)
         _finish(island, step)
     else:
         fold_points(island, step.scene.pairs, step)
-        _articulate_tree(island, step)
+        _articulate_together(island, step)
         act_together(island, step.scene.pairs, step)
         _finish(island, step)
         solve_points(island, step.scene.pairs, step)
@@ -237,20 +237,20 @@ def _pass(island, step):
 
 @each_tree
 @inline
-def _prepare(island, step):
+def _prepare(step):
     linearize_all(step)
     fold_all(step)
 
 
 @each_tree
 @inline
-def _articulate_tree(island, step):
-    articulate(step.Z[DIAGONAL], any_present(step.scene.contact, island), step)
+def _articulate_together(step):
+    articulate(step.Z[DIAGONAL], True, step)
 
 
 @each_tree
 @inline
-def _finish(island, step):
+def _finish(step):
     acceleration_pass(step.scene.tree, step.part, step.W, step.Z[DA])
     solve_all(step)
 
@@ -272,7 +272,7 @@ def _descend(island, searching, step):
 
 @each_tree
 @inline
-def _compare(island, step):
+def _compare(step):
     N, t, zero = step.N, base_index(step.part), 0.0 * step.y[step.offsets.newton_iterations]
     wrong, N[t, SLOPE] = descend_all(None, step, zero > 1.0, zero)
     N[t, WRONG] = select(wrong, 1.0 + zero, zero)
@@ -280,7 +280,7 @@ def _compare(island, step):
 
 @each_tree
 @inline
-def _find_slope(island, step):
+def _find_slope(step):
     N, t = step.N, base_index(step.part)
     zero = 0.0 * N[t, FRACTION]
     _, N[t, SLOPE] = descend_all(N[t, FRACTION], step, zero > 1.0, zero)
@@ -346,7 +346,7 @@ def _move_on(island, step):
 
 @each_tree
 @inline
-def _shift(island, step):
+def _shift(step):
     shift_all(step)
 
 
@@ -402,7 +402,7 @@ def count_of_base(floating):
 
 @each_tree
 @inline
-def _ask_again(island, step):
+def _ask_again(step):
     ask_again(step.scene.friction, rotor_of(step.actuator), step)
 
 
