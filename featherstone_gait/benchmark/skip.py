@@ -189,7 +189,7 @@ def solve_loop(steps: int, run: Run, advances: bool | None, h: float, y: np.ndar
     scene, o, s = run.scene, run.offsets[0], run.work.scratch
     for k in range(steps + 1):
         out[k] = y[0]
-        room = s.W, s.Z, s.C, s.F, s.pool
+        room = s.W, s.Z, s.C, s.F, s.N, s.pool
         at = Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, None, 1e-9, *room, None, s.rows)
         solve_step(at)
         if advances is not None:

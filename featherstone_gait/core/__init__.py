@@ -13,9 +13,9 @@ name is one thing everywhere, and their docstrings explain other arguments alone
     v, w            speeds of joint i and, over the gear ratio, of its rotor [rad/s or m/s]
     robot, tree     Robot; its (n + 1,) BODY records, one of which is b (tree/layout.py)
     motion          Motion: positions, velocities and accelerations (tree/layout.py)
-    W, Z, C, F      scratch of the tree (rows, COLUMNS), of joints (SCRATCH, n) and contact points (points, SCRATCH), of
-                    which tree/layout.py, step/newton.py and effects/contact.py say what is in it; forces from outside
-                    (n + 1, 6) [moment; force] about the common origin, world axes [N m; N]
+    W, Z, C, N      scratch of the tree (rows, COLUMNS), of joints (SCRATCH, n), contact points (points, SCRATCH) and
+                    of Newton's iteration (trees, OF_TREES): see tree/layout.py, effects/joint.py, effects/element.py
+    F               forces from outside (n + 1, 6) [moment; force] about the common origin, world axes [N m; N]
     actuator, controller, motor, gear, friction, stops, joint_springs, push, springs, contact
                     records of an effect, one a joint, push, spring or point; None where it is absent (effects/)
 

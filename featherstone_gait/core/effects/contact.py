@@ -22,12 +22,14 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select, sqrt
 from ..compile.optional import if_present
 from ..compile.structure import record, structure
-from ..compile.taped import constant
 from ..shapes.ground import fixed_axes, height_over
-from ..tree.forest import base_index, base_of, joint_count, points_of
+from ..tree.forest import base_index, points_of
 from ..tree.layout import SF, SH, SJ, SM, TOUCH, R, U, V
 from ..tree.rigid_body import center_velocity, point_position
-from ..tree.spatial import add, cross, dot, load3, load9, rotate, scale, store3, sub, vector
+from ..tree.spatial import add, cross, dot, load3, load9, rotate, store3, sub, vector
+from . import element
+from .element import FK, FL, U0, UK, UN, XP
+from .predicted import base_at, lookahead
 from .surface import add_drive_work, surface_motion
 from .touch import AXES, axes_at, deepest
 
@@ -78,26 +80,24 @@ class Contact(NamedTuple):
     rolling: np.ndarray | None = None  # (points,) ROLLING; the last rows of C are then those of the moments
 
 
-FLOOR = 1e-11  # of the forces that Newton's iteration compares [N m, N]
-
-# Columns of the scratch `C`, one row a point.
-XP = 0  # 3: position in the common frame [m]
+# Columns of the scratch `C`, one row a point: those of element.py, velocities and forces in the ground's axes, and
 DEPTH = 3  # penetration at the start of the substep [m]
-U0 = 4  # 3: predicted velocity, ground's axes [m/s]
-UK = 7  # 3: velocity about which the forces are linearized
-FK = 10  # 3: forces there [N]
-CN = 13  # slope -df_n/du_n [N s/m]
-C1 = 14  # slopes -df_t/du_t, symmetric 2 x 2: 11, 12, 22
-C2 = 15
-C3 = 16
-FL = 17  # 3: forces of the linear model at the velocities that its solution gave
-UN = 20  # 3: those velocities
-RHO = 23  # 3: generalized inertial forces at UK (see step/newton.py)
+CN = 22  # slope -df_n/du_n [N s/m]
+C1 = 23  # slopes -df_t/du_t, symmetric 2 x 2: 11, 12, 22
+C2 = 24
+C3 = 25
 LIMIT = 26  # largest friction force of the step [N]
 BELT = AXES + 9  # 2: velocity of the ground's surface along the tangents [m/s]
 ROLL = AXES + 11  # 4: along and across the rollers' axis by the tangents, row by row, the second scaled
 OWN = AXES + 15  # 2: velocity of the link's surface along the tangents [m/s]
 SCRATCH = AXES + 17  # AXES, 9: of a height field normal, first and second tangent under the point
+
+
+@structure
+class Moments(NamedTuple):
+    """The moments of contact points."""
+
+    rolling: np.ndarray  # (points,) ROLLING
 
 
 # ---------------------------------------------------------------------------------------------- place
@@ -326,69 +326,18 @@ def solve_point(frame, a, c, h, C):
     store3(C, c, FL, model_force(sub(u, load3(C, c, UK)), c, C))
 
 
-@inline
-def compare_point(rollers, p, z, c, step, C, wrong, slope):
-    """Add to `wrong` where the force at UN differs from the linear model's, and to the slope of the descent [W]."""
-    f = point_force(rollers, p, z, load3(C, c, UN), c, step.h_implicit, C)
-    return compare_force(f, c, step, C, wrong, slope)
-
-
-@inline
-def compare_force(f, c, step, C, wrong, slope):
-    """Do as `compare_point` with the force f at UN, or with a moment at an angular velocity."""
-    u = load3(C, c, UN)
-    e = sub(load3(C, c, FL), f)
-    size = abs(f[0]) + abs(f[1]) + abs(f[2])
-    wrong = wrong | (abs(e[0]) + abs(e[1]) + abs(e[2]) > step.tolerance * size + FLOOR)
-    return wrong, slope + dot(sub(u, load3(C, c, UK)), e)
-
-
-@inline
-def point_slope(rollers, p, z, c, fraction, h, C):
-    """Return the point's part of the slope of the convex function at a fraction of the pass [W]."""
-    return force_slope(point_force(rollers, p, z, velocity_at(c, fraction, C), c, h, C), c, fraction, C)
-
-
-@inline
-def velocity_at(c, fraction, C):
-    """Return the velocity of the point c at a fraction of the pass, in its axes [m/s]."""
-    uk = load3(C, c, UK)
-    return add(uk, scale(sub(load3(C, c, UN), uk), fraction))
-
-
-@inline
-def force_slope(f, c, fraction, C):
-    """Do as `point_slope` with the force f there, or with a moment."""
-    move, r = sub(load3(C, c, UN), load3(C, c, UK)), load3(C, c, RHO)
-    inertial = add(r, scale(sub(load3(C, c, FL), r), fraction))
-    return dot(move, sub(inertial, f))
-
-
-@inline
-def shift_point(c, fraction, active, C):
-    """Move the iterate of the point c by the fraction of the pass, in the lanes still at work."""
-    for k in range(3):
-        C[c, UK + k] = shifted(C[c, UK + k], C[c, UN + k], fraction, active)
-        C[c, RHO + k] = shifted(C[c, RHO + k], C[c, FL + k], fraction, active)
-
-
 # ---------------------------------------------------------------------------------------------- in the implicit step
 
 
-@kernel
-def place_contacts(contact, predicted, step):
-    """Fill where the points are at the predicted state, to which W belongs, and the friction limits [N].
+@element.place.of(Contact)
+def _place(contact, step):
+    """Fill where the points are at the predicted state, and the friction limits [N].
 
     These are mu times the last normal force, at touch-down that at the predicted velocity.
     """
-    if contact is None:
-        return
-    scene, C, lookahead_time, (first, end) = step.scene, step.C, 0.0, points_of(step.part, contact.points)
-    base_q = base_of(scene.floating, step.part, step.y, step.offsets.base_q, 7)
-    if predicted is not None:
-        base_q = base_of(scene.floating, step.part, predicted, 2 * joint_count(scene.trees, scene.tree), 7)
-        lookahead_time = step.h_implicit
-    place_points(contact, step, base_q, lookahead_time)
+    C, (first, end) = step.C, points_of(step.part, contact.points)
+    base_q, ahead = base_at(step.predicted, step), lookahead(step.predicted, step.h_implicit)
+    place_points(contact, step, base_q, ahead)
     for c in range(first, end):
         p = contact.points[c]
         predicted_force, _ = normal_force(p, C[c, DEPTH], C[c, U0], step.h_implicit)
@@ -398,22 +347,22 @@ def place_contacts(contact, predicted, step):
         _limit_moment(contact.rolling, c, load, C)
 
 
-@kernel
-def linearize_contacts(contact, step):
-    """Fill the forces and slopes at the velocities UK."""
-    if contact is None:
-        return
+@element.linearize.of(Contact)
+def _linearize(contact, step):
     C, (first, end) = step.C, points_of(step.part, contact.points)
     for c in range(first, end):
         linearize_point(contact.rollers, contact.points[c], _bristle(contact, step, c), c, step.h_implicit, C)
         _linearize_moment(contact.rolling, c, step)
 
 
+@element.fold.of(Contact)
+def _fold_contact(contact, step):
+    _fold(contact, step, step.h_implicit)
+
+
 @kernel
-def fold_contacts(contact, step, h):
+def _fold(contact, step, h):
     """Sum h J' C J and the force at the predicted velocity into the contact rows of the bodies."""
-    if contact is None:
-        return
     plane, tree, W, C = fixed_axes(contact.ground), step.scene.tree, step.W, step.C
     first, end = points_of(step.part, contact.points)
     for c in range(first, end):
@@ -485,11 +434,9 @@ def _put(W, k, on, column, values):
         W[k, column + j] = select(on, W[k, column + j] + values[j], W[k, column + j])
 
 
-@kernel
-def solved_contacts(contact, step):
+@element.solve.of(Contact)
+def _solve(contact, step):
     """Fill the velocities UN that the solution's dA gives the points, and the linear model's forces FL there."""
-    if contact is None:
-        return
     W, C, h = step.W, step.C, step.h_implicit
     plane, (first, end) = fixed_axes(contact.ground), points_of(step.part, contact.points)
     for c in range(first, end):
@@ -499,44 +446,13 @@ def solved_contacts(contact, step):
         _solve_moment(contact.rolling, c, axes_at(plane, c, C), load3(W, i, U), h, C)
 
 
-@inline
-def compare_contacts(contact, step, wrong, slope):
-    """Add to `wrong` where forces at UN differ from the linear model's, and to the slope of the descent [W]."""
-    if contact is not None:
-        first, end = points_of(step.part, contact.points)
-        for c in range(first, end):
-            p, z = contact.points[c], _bristle(contact, step, c)
-            wrong, slope = compare_point(contact.rollers, p, z, c, step, step.C, wrong, slope)
-            wrong, slope = _compare_moment(contact.rolling, c, step, wrong, slope)
-    return wrong, slope
+element.elements.of(Contact)(lambda contact, step: points_of(step.part, contact.points))
 
 
-@inline
-def contact_slope(contact, step, fraction, slope):
-    """Add the contacts' part to the slope of the convex function at a fraction of the pass [W]."""
-    if contact is not None:
-        first, end = points_of(step.part, contact.points)
-        for c in range(first, end):
-            p, z = contact.points[c], _bristle(contact, step, c)
-            slope = slope + point_slope(contact.rollers, p, z, c, fraction, step.h_implicit, step.C)
-            slope = _plus_moment_slope(contact.rolling, c, fraction, step, slope)
-    return slope
-
-
-@inline
-def shift_contacts(contact, step, fraction, active):
-    """Move the iterate by the fraction of the pass, in the lanes still at work."""
-    if contact is not None:
-        first, end = points_of(step.part, contact.points)
-        for c in range(first, end):
-            shift_point(c, fraction, active, step.C)
-            _shift_moment(contact.rolling, c, fraction, active, step.C)
-
-
-@inline
-def shifted(x, to, fraction, active):
-    """Return x moved toward `to` by the fraction of a pass, in the lanes still at work: a constant to gradients."""
-    return constant(select(active, select(fraction < 1.0, x + fraction * (to - x), to), x))
+@element.force_at.of(Contact)
+def _force_at(contact, c, u, step):
+    z = _bristle(contact, step, c)
+    return point_force(contact.rollers, contact.points[c], z, u, c, step.h_implicit, step.C)
 
 
 @inline
@@ -550,34 +466,26 @@ def contact_branch(contact, step, c):
     return select(fn > 0.0, select(slips, 2.0 * one, one), 0.0 * fn) + _moment_branch(contact.rolling, c, step, fn)
 
 
-@inline
-def begin_contact(contact, c, C):
-    """Take the predicted velocity of the point c for that of the solution."""
-    store3(C, c, UN, load3(C, c, U0))
-    _begin_moment(contact.rolling, c, C)
-
-
-@inline
-def move_contacts(contact, step):
+@element.move.of(Contact)
+def _move(contact, step):
     """Move bristles, forces and the work of the ground to the end of the step."""
-    if contact is not None:
-        y, offsets, C, h = step.y, step.offsets, step.C, step.h_implicit
-        work, (first, end) = offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
-        for c in range(first, end):
-            p, u, z = contact.points[c], load3(C, c, UN), _bristle(contact, step, c)
-            f = point_force(contact.rollers, p, z, u, c, h, C)
-            y[work] += step.h * (dot(f, u) + surface_power(contact, c, f, step.h, step, y))
-            u = _rolled(contact.rollers, c, u, C)
-            along, _, slips = friction_force(p, z, u, C[c, LIMIT], h)
-            kappa = 1.0 / (h * p.tangential_stiffness + p.tangential_damping)
-            m1 = select(slips, (p.tangential_damping * z[0] - h * along[0]) * kappa, z[0] + h * u[1])
-            m2 = select(slips, (p.tangential_damping * z[1] - h * along[1]) * kappa, z[1] + h * u[2])
-            bristle = offsets.tangential_deflection + 2 * c
-            y[bristle] = y[bristle] + (m1 - y[bristle]) * (1.0 / step.theta)
-            y[bristle + 1] = y[bristle + 1] + (m2 - y[bristle + 1]) * (1.0 / step.theta)
-            for k in range(3):
-                y[offsets.contact_force + 3 * c + k] = f[k]
-            _move_moment(contact.rolling, c, step, work)
+    y, offsets, C, h = step.y, step.offsets, step.C, step.h_implicit
+    work, (first, end) = offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
+    for c in range(first, end):
+        p, u, z = contact.points[c], load3(C, c, UN), _bristle(contact, step, c)
+        f = point_force(contact.rollers, p, z, u, c, h, C)
+        y[work] += step.h * (dot(f, u) + surface_power(contact, c, f, step.h, step, y))
+        u = _rolled(contact.rollers, c, u, C)
+        along, _, slips = friction_force(p, z, u, C[c, LIMIT], h)
+        kappa = 1.0 / (h * p.tangential_stiffness + p.tangential_damping)
+        m1 = select(slips, (p.tangential_damping * z[0] - h * along[0]) * kappa, z[0] + h * u[1])
+        m2 = select(slips, (p.tangential_damping * z[1] - h * along[1]) * kappa, z[1] + h * u[2])
+        bristle = offsets.tangential_deflection + 2 * c
+        y[bristle] = y[bristle] + (m1 - y[bristle]) * (1.0 / step.theta)
+        y[bristle + 1] = y[bristle + 1] + (m2 - y[bristle + 1]) * (1.0 / step.theta)
+        for k in range(3):
+            y[offsets.contact_force + 3 * c + k] = f[k]
+        _move_moment(contact.rolling, c, step, work)
 
 
 # ---------------------------------------------------------------------------------------------- rolling
@@ -640,27 +548,17 @@ def _solve_moment(rolling, c, frame, turning, h, C):
     C[_moment_row(rolling, c, C), UN] = 0.0
 
 
-@inline
-def _compare_moment(rolling, c, step, wrong, slope):
-    if rolling is None:
-        return wrong, slope
-    row = _moment_row(rolling, c, step.C)
-    m, _, _ = _moment(rolling, c, load3(step.C, row, UN), step.h_implicit, step)
-    return compare_force(m, row, step, step.C, wrong, slope)
+@element.elements.of(Moments)
+def _rows_of_moments(moments, step):
+    first, end = points_of(step.part, moments.rolling)
+    return _moment_row(moments.rolling, first, step.C), _moment_row(moments.rolling, end, step.C)
 
 
-@inline
-def _plus_moment_slope(rolling, c, fraction, step, slope):
-    if rolling is None:
-        return slope
-    row = _moment_row(rolling, c, step.C)
-    m, _, _ = _moment(rolling, c, velocity_at(row, fraction, step.C), step.h_implicit, step)
-    return slope + force_slope(m, row, fraction, step.C)
-
-
-@if_present()
-def _shift_moment(rolling, c, fraction, active, C):
-    shift_point(_moment_row(rolling, c, C), fraction, active, C)
+@element.force_at.of(Moments)
+def _moment_at(moments, row, u, step):
+    c = row - _moment_row(moments.rolling, 0, step.C)
+    m, _, _ = _moment(moments.rolling, c, u, step.h_implicit, step)
+    return m
 
 
 @inline
@@ -671,12 +569,6 @@ def _moment_branch(rolling, c, step, fn):
     row, zero = _moment_row(rolling, c, step.C), 0.0 * fn
     _, _, rolls = _moment(rolling, c, load3(step.C, row, UN), step.h_implicit, step)
     return select((fn > 0.0) & rolls, 4.0 + zero, zero)
-
-
-@if_present()
-def _begin_moment(rolling, c, C):
-    row = _moment_row(rolling, c, C)
-    store3(C, row, UN, load3(C, row, U0))
 
 
 @if_present()
@@ -714,17 +606,15 @@ def _moment_rates(rolling, c, fn, step, dy, power):
 # ---------------------------------------------------------------------------------------------- as an equation
 
 
-@inline
-def contact_rates(contact, step, dy):
+@element.rates.of(Contact)
+def _contact_rates(contact, step, dy):
     """Fill contact forces [N], rates of the bristles [m/s] and power of the ground [W]; nothing is folded."""
-    if contact is not None:
-        base_q = base_of(step.scene.floating, step.part, step.y, step.offsets.base_q, 7)
-        place_points(contact, step, base_q, 0.0)
-        work, (first, end) = step.offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
-        dy[work] = 0.0 * step.y[work]
-        for c in range(first, end):
-            _rates(contact, contact.points[c], step, dy, c)
-        fold_contacts(contact, step, 0.0)
+    place_points(contact, step, base_at(None, step), 0.0)
+    work, (first, end) = step.offsets.contact_work + base_index(step.part), points_of(step.part, contact.points)
+    dy[work] = 0.0 * step.y[work]
+    for c in range(first, end):
+        _rates(contact, contact.points[c], step, dy, c)
+    _fold(contact, step, 0.0)
 
 
 @inline

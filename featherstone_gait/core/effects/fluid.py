@@ -25,7 +25,7 @@ from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import select, sqrt
 from ..compile.structure import record, structure
 from ..shapes.immersion import TINY, immersed
-from ..tree.forest import base_index, base_of, joint_count
+from ..tree.forest import base_index
 from ..tree.layout import SF, SH, SJ, SM, TOUCH, A, R, U, V
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import (
@@ -44,7 +44,9 @@ from ..tree.spatial import (
     symmetric,
     vector,
 )
-from .contact import FK, FL, U0, UK, UN, XP, compare_force, force_slope, shift_point, velocity_at
+from . import element
+from .element import FK, FL, U0, UK, UN, XP
+from .predicted import base_at
 
 IMMERSED = record(
     body=int,  # row of the body
@@ -107,9 +109,9 @@ class Fluid(NamedTuple):
     first: np.ndarray  # (1,) first row in the scratch C, after those of contact points
 
 
-# Columns of the scratch `C`: a shape has a row of the force and one of the moment.  Those of contact.py, and
-STEADY = 13  # 3: what does not depend on the velocity sought: buoyancy, lift [N; N m]
-SHARE = 16  # of the volume that is immersed
+# Columns of the scratch `C`: a shape has a row of the force and one of the moment.  Those of element.py, and
+STEADY = 22  # 3: what does not depend on the velocity sought: buoyancy, lift [N; N m]
+SHARE = 25  # of the volume that is immersed
 SLOPE = 27  # 6: slope of the drag, world axes [N s/m; N m s]
 SIZE = 33  # Q of the step
 BUOYANCY, DRAG, ADDED_MASS, PROPULSION = range(4)
@@ -130,22 +132,14 @@ def _axes(s, W):
 # ---------------------------------------------------------------------------------------------- place
 
 
-@inline
-def place_fluid(fluid, predicted, step):
-    """Fill what is immersed of each shape at the predicted state, its velocity, and the forces that these alone give.
-
-    fluid None: there is none.
-    """
-    if fluid is not None:
-        base_q = base_of(step.scene.floating, step.part, step.y, step.offsets.base_q, 7)
-        if predicted is not None:
-            first = 2 * joint_count(step.scene.trees, step.scene.tree)
-            base_q = base_of(step.scene.floating, step.part, predicted, first, 7)
-        _place(fluid, base_q, step)
+@element.place.of(Fluid)
+def _place_fluid(fluid, step):
+    _place(fluid, base_at(step.predicted, step), step)
 
 
 @kernel
 def _place(fluid, base_q, step):
+    """Fill what is immersed of each shape, its velocity, and the forces that these alone give."""
     W, C, medium = step.W, step.C, fluid.medium[0]
     for k in range(len(fluid.table)):
         s = fluid.table[k]
@@ -280,11 +274,8 @@ def _moment(s, r, E, C, w):
 # ---------------------------------------------------------------------------------------------- in the implicit step
 
 
-@inline
-def linearize_fluid(fluid, step):
-    """Fill the drag and its slopes at the velocities UK."""
-    if fluid is not None:
-        _linearize(fluid, UK, 1.0, step)
+element.linearize.of(Fluid)(lambda fluid, step: _linearize(fluid, UK, 1.0, step))
+element.fold.of(Fluid)(lambda fluid, step: _fold(fluid, step, step.h_implicit))
 
 
 @kernel
@@ -309,15 +300,9 @@ def _slope_of(C, r):
     return (C[r, SLOPE], C[r, SLOPE + 1], C[r, SLOPE + 2], C[r, SLOPE + 3], C[r, SLOPE + 4], C[r, SLOPE + 5])
 
 
-@inline
-def fold_fluid(fluid, step, h):
-    """Sum h times the slopes, added mass and the forces at the predicted velocity into the rows of the bodies."""
-    if fluid is not None:
-        _fold(fluid, step, h)
-
-
 @apart
 def _fold(fluid, step, h):
+    """Sum h times the slopes, added mass and the forces at the predicted velocity into the rows of the bodies."""
     W, C = step.W, step.C
     for k in range(len(fluid.table)):
         s = fluid.table[k]
@@ -445,15 +430,9 @@ def _transposed(H, x):
     return (dot(H[0], x), dot(H[1], x), dot(H[2], x))
 
 
-@inline
-def solved_fluid(fluid, step):
+@element.solve.of(Fluid)
+def _solve(fluid, step):
     """Fill the velocities UN that the solution's dA gives the shapes, and the linear model's drag FL there."""
-    if fluid is not None:
-        _solved(fluid, step)
-
-
-@kernel
-def _solved(fluid, step):
     W, C, h = step.W, step.C, step.h_implicit
     for k in range(len(fluid.table)):
         s = fluid.table[k]
@@ -465,65 +444,36 @@ def _solved(fluid, step):
                 store3(C, row, FL, _model(C, row, UN))
 
 
-@inline
-def compare_fluid(fluid, step, wrong, slope):
-    """Add to `wrong` where the drag at UN differs from the linear model's, and to the slope of the descent [W]."""
-    if fluid is None:
-        return wrong, slope
-    return _compare(fluid, step, wrong, slope)
-
-
-@kernel
-def _compare(fluid, step, wrong, slope):
-    C = step.C
-    for k in range(len(fluid.table)):
-        s = fluid.table[k]
-        if s.tree == base_index(step.part):
-            r, E = _row(fluid, k), _axes(s, step.W)
-            f, _ = _force(fluid, s, r, E, C, load3(C, r, UN))
-            m, _ = _moment(s, r, E, C, load3(C, r + 1, UN))
-            wrong, slope = compare_force(f, r, step, C, wrong, slope)
-            wrong, slope = compare_force(m, r + 1, step, C, wrong, slope)
-    return wrong, slope
+@element.elements.of(Fluid)
+def _rows(fluid, step):
+    return _row(fluid, 0), _row(fluid, len(fluid.table))
 
 
 @inline
-def fluid_slope(fluid, step, fraction, slope):
-    """Add the fluid's part to the slope of the convex function at a fraction of the pass [W]."""
-    if fluid is None:
-        return slope
-    return _slope_along(fluid, step, fraction, slope)
+def _shape_of(fluid, r):
+    """Return the number of the shape that has this row."""
+    return (r - fluid.first[0]) >> 1
 
 
-@kernel
-def _slope_along(fluid, step, fraction, slope):
-    C = step.C
-    for k in range(len(fluid.table)):
-        s = fluid.table[k]
-        if s.tree == base_index(step.part):
-            r, E = _row(fluid, k), _axes(s, step.W)
-            f, _ = _force(fluid, s, r, E, C, velocity_at(r, fraction, C))
-            m, _ = _moment(s, r, E, C, velocity_at(r + 1, fraction, C))
-            slope = slope + (force_slope(f, r, fraction, C) + force_slope(m, r + 1, fraction, C))
-    return slope
+element.belongs.of(Fluid)(lambda fluid, r, step: fluid.table[_shape_of(fluid, r)].tree == base_index(step.part))
 
 
-@inline
-def shift_fluid(fluid, step, fraction, active):
-    """Move the iterate by the fraction of the pass, in the lanes still at work."""
-    if fluid is not None:
-        for k in range(len(fluid.table)):
-            if fluid.table[k].tree == base_index(step.part):
-                shift_point(_row(fluid, k), fraction, active, step.C)
-                shift_point(_row(fluid, k) + 1, fraction, active, step.C)
+@element.force_at.of(Fluid)
+def _force_at(fluid, r, u, step):
+    k = _shape_of(fluid, r)
+    s, E = fluid.table[k], _axes(fluid.table[k], step.W)
+    if r == _row(fluid, k):
+        f, _ = _force(fluid, s, r, E, step.C, u)
+    else:
+        f, _ = _moment(s, r - 1, E, step.C, u)
+    return f
 
 
-@inline
-def move_fluid(fluid, step):
+@element.move.of(Fluid)
+def _move(fluid, step):
     """Store the forces of the step, and add their work to the channel `fluid_work`."""
-    if fluid is not None:
-        _linearize(fluid, UN, 0.0, step)
-        _account(fluid, UN, step, step.y, step.h)
+    _linearize(fluid, UN, 0.0, step)
+    _account(fluid, UN, step, step.y, step.h)
 
 
 @kernel
@@ -566,13 +516,12 @@ def _with_added(added, fluid, k, column, step, work, at, h):
 # ---------------------------------------------------------------------------------------------- as an equation
 
 
-@inline
-def fluid_rates(fluid, step):
+@element.rates.of(Fluid)
+def _rates(fluid, step, dy):
     """Place the shapes and fold their forces at the present state, for accelerations that are found next."""
-    if fluid is not None:
-        place_fluid(fluid, None, step)
-        _linearize(fluid, U0, 0.0, step)
-        fold_fluid(fluid, step, 0.0)
+    _place(fluid, base_at(None, step), step)
+    _linearize(fluid, U0, 0.0, step)
+    _fold(fluid, step, 0.0)
 
 
 @inline

@@ -39,30 +39,21 @@ from ..tree.spatial import (
     sub,
     vector,
 )
+from . import element
 from .contact import (
     C1,
     CN,
     DEPTH,
-    FK,
     LIMIT,
-    U0,
-    UK,
-    UN,
-    XP,
-    compare_force,
-    compare_point,
     fold_moment,
     fold_point,
-    force_slope,
     friction_force,
     linearize_point,
     normal_force,
     point_force,
-    point_slope,
-    shift_point,
     solve_point,
-    velocity_at,
 )
+from .element import FK, U0, UK, UN, XP
 from .surface import add_drive_work, surface_motion
 from .touch import AXES
 
@@ -130,11 +121,6 @@ class Pool(NamedTuple):
     first_point: np.ndarray  # (trees + 1,) of each island
     island: np.ndarray  # (trees + 1,) of each tree; scratch of counting before
     label: np.ndarray  # (trees,) island of each tree by lane: its first tree
-    at_work: np.ndarray  # (trees,) 1 where Newton's iteration goes on
-    wrong: np.ndarray  # (trees,) above 0 where forces are not those of the linear model
-    slope: np.ndarray  # (trees,) of the descent [W]
-    fraction: np.ndarray  # (trees,) of the pass
-    shared: np.ndarray  # (trees,) scratch
     # The narrow phase, one lane after the other, and the exchange of slots.
     manifold: np.ndarray  # (8, 8)
     bench: tuple  # Bench of shapes/patch.py
@@ -856,33 +842,29 @@ def _change_of(turning, pair, step, c):
     return a
 
 
+@element.load.of(Pairs)
+def _load(pairs, c, which, step):
+    return load3(step.pool.C, c, UK + 3 * which)
+
+
+@element.keep.of(Pairs)
+def _keep(pairs, c, which, x, step):
+    store3(step.pool.C, c, UK + 3 * which, x)
+
+
+@element.force_at.of(Pairs)
+def _force_at(pairs, c, u, step):
+    return _point_or_moment(pairs.turning, pairs.pairs[step.pool.pair[c]], c, u, step)
+
+
 @inline
-def compare_pair(turning, pair, step, c, wrong, slope):
-    """Do as `compare_point`."""
-    C = step.pool.C
+def _point_or_moment(turning, pair, c, u, step):
+    C, h = step.pool.C, step.h_implicit
     if turning is not None:
         if is_moment(turning, step.pool, c):
-            m, _, _, _ = moment(turning[step.pool.pair[c]], load3(C, c, UN), c, step.h_implicit, C)
-            return compare_force(m, c, step, C, wrong, slope)
-    return compare_point(None, pair, bristle(C, c), c, step, C, wrong, slope)
-
-
-@inline
-def pair_slope(turning, pair, step, c, fraction):
-    """Do as `point_slope`."""
-    C = step.pool.C
-    if turning is not None:
-        if is_moment(turning, step.pool, c):
-            u = velocity_at(c, fraction, C)
-            m, _, _, _ = moment(turning[step.pool.pair[c]], u, c, step.h_implicit, C)
-            return force_slope(m, c, fraction, C)
-    return point_slope(None, pair, bristle(C, c), c, fraction, step.h_implicit, C)
-
-
-@inline
-def shift_pair(pool, c, fraction, active):
-    """Do as `shift_point`."""
-    shift_point(c, fraction, active, pool.C)
+            m, _, _, _ = moment(turning[step.pool.pair[c]], u, c, h, C)
+            return m
+    return point_force(None, pair, bristle(C, c), u, c, h, C)
 
 
 @if_present()

@@ -30,8 +30,9 @@ from ..tree.rows import (
     push_body,
 )
 from ..tree.spatial import add, choose, cross, load3, scale, sub
-from .contact import C1, C3, CN, FK, U0, UK, model_force
-from .pair import AXES, FACTOR, FULL, ON, XB, XP, is_moment
+from .contact import C1, C3, CN, model_force
+from .element import FK, U0, UK, XP
+from .pair import AXES, FACTOR, FULL, ON, XB, is_moment
 
 DEPENDENT = 1e-13  # of a diagonal of the slopes: what is left of it below this is rounding
 

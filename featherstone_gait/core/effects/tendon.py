@@ -25,7 +25,7 @@ from ..compile.lanes import select, sign_beyond, sqrt
 from ..compile.optional import any_present, if_present, item, plus_item
 from ..compile.structure import record, structure
 from ..shapes.wrap import own_frame, way_around
-from ..tree.forest import LARGEST, base_index, rows_of, tendons_of
+from ..tree.forest import LARGEST, base_index, joint_count, rows_of, tendons_of
 from ..tree.layout import A, P, R, U, V
 from ..tree.rigid_body import point_position
 from ..tree.rows import (
@@ -57,10 +57,13 @@ from ..tree.spatial import (
     sub,
     vector,
 )
+from . import element
 from .ball_spring import rotation_vector
-from .contact import FLOOR, shifted
+from .element import FLOOR
 from .friction import ROUNDING, STEEP, STEEPEST, direction_from, snapped_from, stops_at_once
+from .joint import DA, VP
 from .pd_servo import PD, pd_branch, pd_torque
+from .predicted import balls_at, bases_at, lookahead
 from .stop import stop_branch, stop_torque
 
 TENDON = record(
@@ -100,10 +103,10 @@ LB = 0  # length from which it moves on with the speed [m or rad]
 U0 = 1  # speed for which the bias is taken [m/s or rad/s]
 UK = 2  # speed about which the force is linearized
 UN = 3  # speed of the solution
-T0 = 4  # linear model of the force: T0 - CT u
-CT = 5
-TL = 6  # its value at UN
-RT = 7  # inertial force at UK
+TL = 4  # the linear model's force there
+RT = 5  # inertial force at UK
+T0 = 6  # linear model of the force: T0 - CT u
+CT = 7
 AXIS = 8  # 3: about which the ball joint of a tendon is turned, of which it has one at most
 BASE = AXIS  # 3: of a path, where the base of its tree is [m]
 RISE = 11  # d2l/dt2 of the accelerations that the step begins with [m/s^2 or rad/s^2]
@@ -251,15 +254,16 @@ def _place_base(tied, c, row, bases, step):
             store3(step.W, row, BASE, (bases[at], bases[at + 1], bases[at + 2]))
 
 
-@inline
-def place_tendons(tendons, step, q, ball_q, bases, v, ahead):
-    """Fill lengths and speeds of a tree's tendons, whose joints have the positions q and speeds v.
+@element.place.of(Tendons)
+def _place_tendons(tendons, step):
+    _place_at(step.predicted, tendons, step.Z[VP], step)
 
-    ahead: how long after the step's start the poses are those of W, of the quaternions ball_q and of the bases [s]; q
-    are those at the start.
-    """
-    if tendons is not None:
-        _place(ball_q, bases, tendons, step, q, v, ahead)
+
+@inline
+def _place_at(predicted, tendons, v, step):
+    """Fill lengths and speeds of a tree's tendons, whose joints have the speeds v, at the predicted state."""
+    q, ahead = step.y[step.offsets.q :], lookahead(predicted, step.h_implicit)
+    _place(balls_at(predicted, step), bases_at(predicted, step), tendons, step, q, v, ahead)
 
 
 @inline
@@ -281,6 +285,7 @@ def _about(W, row, dof, rates):
 
 @kernel
 def _place(ball_q, bases, tendons, step, q, v, ahead):
+    """Do so; q are the positions of joints at the start, W is that of a time `ahead` later [s]."""
     W, (first, end) = step.W, tendons_of(step.part, tendons.table)
     for c in range(first, end):
         t = tendons.table[c]
@@ -518,15 +523,12 @@ def _with_drive(d, step, length, u, f, slope):
     return plus_item(f + pull, step.tau, d.input), slope + c_pull
 
 
-@inline
-def linearize_tendons(tendons, step):
-    """Linearize the forces about UK."""
-    if tendons is not None:
-        _linearize(tendons, step)
+element.linearize.of(Tendons)(lambda tendons, step: _linearize(tendons, step))
 
 
 @kernel
 def _linearize(tendons, step):
+    """Linearize the forces about UK."""
     W, (first, end) = step.W, tendons_of(step.part, tendons.table)
     for c in range(first, end):
         row = tendons.table[c].row
@@ -552,15 +554,12 @@ def _with_inertia(armature, c, W, row, force, slope):
 # ---------------------------------------------------------------------------------------------- Newton's iteration
 
 
-@inline
-def solved_tendons(tendons, step, accelerations):
-    """Fill speeds and the model's forces at the solution, by accelerations (n,) of joints and dA of the bodies in W."""
-    if tendons is not None:
-        _solved(tendons, step, accelerations)
+element.solve.of(Tendons)(lambda tendons, step: _solve(tendons, step, step.Z[DA]))
 
 
 @kernel
-def _solved(tendons, step, accelerations):
+def _solve(tendons, step, accelerations):
+    """Fill speeds and the model's forces at the solution, by accelerations (n,) of joints and dA of the bodies in W."""
     W, (first, end) = step.W, tendons_of(step.part, tendons.table)
     for c in range(first, end):
         t = tendons.table[c]
@@ -578,24 +577,26 @@ def _solved(tendons, step, accelerations):
         W[t.row, TL] = W[t.row, T0] - W[t.row, CT] * W[t.row, UN]
 
 
-@inline
-def compare_tendons(tendons, step, wrong, slope):
-    """Add to `wrong` where forces at UN differ from the linear model's, and to the slope of the descent [W]."""
-    if tendons is None:
-        return wrong, slope
-    return _compare(tendons, step, wrong, slope)
+element.elements.of(Tendons)(lambda tendons, step: tendons_of(step.part, tendons.table))
+element.load.of(Tendons)(lambda tendons, c, which, step: (step.W[tendons.table[c].row, UK + which],))
 
 
-@kernel
-def _compare(tendons, step, wrong, slope):
-    W, (first, end) = step.W, tendons_of(step.part, tendons.table)
-    for c in range(first, end):
-        row = tendons.table[c].row
-        f, _ = tendon_force(tendons, c, step, W[row, UN])
-        least = _resolved(tendons.friction, W[row, CT], W[row, UN])
-        wrong = wrong | (abs(f - W[row, TL]) > step.tolerance * (abs(f) + abs(W[row, TL])) + least)
-        slope = slope + (W[row, UN] - W[row, UK]) * (W[row, TL] - f)
-    return wrong, slope
+@element.keep.of(Tendons)
+def _keep(tendons, c, which, x, step):
+    step.W[tendons.table[c].row, UK + which] = x[0]
+
+
+@element.force_at.of(Tendons)
+def _force_at(tendons, c, u, step):
+    f, _ = tendon_force(tendons, c, step, u[0])
+    return (f,)
+
+
+@element.differs.of(Tendons)
+def _differ(tendons, c, u, f, error, step):
+    W, row = step.W, tendons.table[c].row
+    least = _resolved(tendons.friction, W[row, CT], u[0])
+    return abs(error[0]) > step.tolerance * (abs(f[0]) + abs(W[row, TL])) + least
 
 
 @inline
@@ -606,61 +607,34 @@ def _resolved(friction, slope, u):
     return FLOOR + select(slope > STEEPEST, ROUNDING * (slope * abs(u)), 0.0 * u)
 
 
-@inline
-def tendon_slope(tendons, step, fraction, slope):
-    """Add to the slope of the convex function at a fraction of the pass: inertial less applied force."""
-    if tendons is None:
-        return slope
-    return _slope(tendons, step, fraction, slope)
-
-
-@kernel
-def _slope(tendons, step, fraction, slope):
-    W, (first, end) = step.W, tendons_of(step.part, tendons.table)
-    for c in range(first, end):
-        row = tendons.table[c].row
-        move = W[row, UN] - W[row, UK]
-        f, _ = tendon_force(tendons, c, step, W[row, UK] + fraction * move)
-        slope = slope + move * (W[row, RT] + fraction * (W[row, TL] - W[row, RT]) - f)
-    return slope
+@element.snap.of(Tendons)
+def _snap(tendons, c, u, here, there, where, step):
+    return (_snapped(tendons.friction, step, c, tendons.table[c].row, u[0], here[0], there[0], where),)
 
 
 @inline
-def shift_tendons(tendons, step, fraction, active):
-    """Move the iterate by a fraction of the pass, in the lanes still at work."""
-    if tendons is not None:
-        W, (first, end) = step.W, tendons_of(step.part, tendons.table)
-        for c in range(first, end):
-            row, here = tendons.table[c].row, W[tendons.table[c].row, UK]
-            W[row, UK] = shifted(here, W[row, UN], fraction, active)
-            _snap(tendons.friction, step, c, row, here, active & (fraction < 1.0))
-            W[row, RT] = shifted(W[row, RT], W[row, TL], fraction, active)
+def _snapped(friction, step, c, row, u, here, there, where):
+    """Return u or the speed of rest, as in friction.py."""
+    if friction is None:
+        return u
+    f = friction[c]
+    rest = snapped_from(step.extrapolation_ratio, (1.0 - step.theta) * step.W[row, US], u, here, there)
+    return select(where & (f.coulomb_friction > 0.0) & (f.steepness > STEEP), rest, u)
 
 
-@inline
-def _snap(friction, step, c, row, here, where):
-    """Move the iterate to the speed of rest if it is close to it, as in friction.py."""
-    if friction is not None:
-        W, f = step.W, friction[c]
-        rest = snapped_from(step.extrapolation_ratio, (1.0 - step.theta) * W[row, US], W[row, UK], here, W[row, UN])
-        W[row, UK] = select(where & (f.coulomb_friction > 0.0) & (f.steepness > STEEP), rest, W[row, UK])
+element.move.of(Tendons)(lambda tendons, step: _store(tendons, step, UN, step.h, step.y))
 
 
-@inline
-def move_tendons(tendons, step):
-    """Store the forces of the step, and add their work to the channel `tendon_work`."""
-    if tendons is not None:
-        _store(tendons, step, UN, step.h, step.y)
-
-
-@inline
-def tendon_rates(tendons, step, dy):
+@element.rates.of(Tendons)
+def _rates(tendons, step, dy):
     """Store the forces at the speeds of the start, and set their powers in dy."""
-    if tendons is not None:
-        first, end = tendons_of(step.part, tendons.table)
-        for k in range(step.offsets.tendon_work + WORKS * first, step.offsets.tendon_work + WORKS * end):
-            dy[k] = 0.0 * step.y[k]
-        _store(tendons, step, U0, 1.0, dy)
+    n = joint_count(step.scene.trees, step.scene.tree)
+    _place_at(None, tendons, step.y[step.offsets.qd : step.offsets.qd + n], step)
+    _linearize(tendons, step)
+    first, end = tendons_of(step.part, tendons.table)
+    for k in range(step.offsets.tendon_work + WORKS * first, step.offsets.tendon_work + WORKS * end):
+        dy[k] = 0.0 * step.y[k]
+    _store(tendons, step, U0, 1.0, dy)
 
 
 @kernel

@@ -154,9 +154,8 @@ def _stages(run, y, t, h):
         at = Step(
             scene=scene, actuator=scene.actuator, decay=work.motors, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
             predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, h_implicit=d, theta=1.0, extrapolation_ratio=None,
-            tolerance=NEWTON_SHARE * run.plan.rtol, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
-            pool=scratch.pool, part=None, rows=scratch.rows,
-            closing=scratch.closing,
+            tolerance=NEWTON_SHARE * run.plan.rtol, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, N=scratch.N,
+            pool=scratch.pool, part=None, rows=scratch.rows, closing=scratch.closing,
         )  # fmt: skip
         step_trees(at)
         pace[EVALUATIONS] += 1.0

@@ -50,6 +50,7 @@ class Columns(NamedTuple):
     Z: np.ndarray
     C: np.ndarray
     F: np.ndarray
+    N: np.ndarray
     pool: tuple | None
     rows: tuple | None
     closing: tuple | None
@@ -269,8 +270,8 @@ def _slope(run, columns, slope):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, pool=x.pool, part=None, rows=x.rows,
-        closing=x.closing,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, N=x.N, pool=x.pool, part=None,
+        rows=x.rows, closing=x.closing,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -282,8 +283,8 @@ def euler_in_lanes(ended, run, columns):
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
         predicted=None, t=t, span=0.0, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, pool=x.pool, part=None, rows=x.rows,
-        closing=x.closing,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F, N=x.N, pool=x.pool, part=None,
+        rows=x.rows, closing=x.closing,
     )  # fmt: skip
     if ended is None:
         solve_trees(scene.trees, scene.pairs, at)

@@ -42,7 +42,8 @@ def _step(work, run, y, t, theta):
         scene=scene, actuator=scene.actuator, decay=scene.decay, offsets=run.offsets[0], y=y, tau=u.tau, drive=u.drive,
         predicted=work.predicted, t=t, span=h, h=h, h_implicit=theta * h, theta=theta,
         extrapolation_ratio=only_if(work.predicted, (1.0 - theta) / theta), tolerance=NEWTON_TOLERANCE,
-        W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, pool=scratch.pool, part=None, rows=scratch.rows,
+        W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, N=scratch.N, pool=scratch.pool, part=None,
+        rows=scratch.rows,
         closing=scratch.closing,
     )  # fmt: skip
 

@@ -13,12 +13,13 @@ import numpy as np
 from ..compile.by_type import by_type, overridable
 from ..compile.jit import address_of
 from ..effects.contact import SCRATCH as CONTACT_SCRATCH
+from ..effects.element import OF_TREES
+from ..effects.joint import SCRATCH as JOINT_SCRATCH
 from ..effects.pair import COLUMNS as PAIR_SCRATCH
 from ..effects.pair import OLD, SHAPE_POSE, Pool
 from ..shapes.manifold import contacts_at
 from ..step.closure import Closing
 from ..step.context import Scratch
-from ..step.newton import SCRATCH as JOINT_SCRATCH
 from ..step.pool import KEPT, Renewal
 from ..tree.loop import Loops
 from ..tree.rows import Rows, make_rows
@@ -144,6 +145,7 @@ def scratch(sizes: Sizes, zeros) -> Scratch:
         zeros((JOINT_SCRATCH, max(sizes.n, 1))),
         zeros((max(sizes.points + 2 * sizes.immersed + sizes.rolling, 1), CONTACT_SCRATCH)),
         zeros((sizes.bodies, 6)),
+        zeros((max(sizes.trees, 1), OF_TREES)),
         pool_of(sizes, zeros),
         rows_of(sizes, zeros),
         closing_of(sizes, zeros),
@@ -194,8 +196,7 @@ def pool_of(sizes: Sizes, zeros) -> Pool | None:
     return Pool(
         C=zeros((placed, PAIR_SCRATCH)), pair=whole(placed), count=whole(4), placed=whole(placed), parent=whole(trees),
         trees=whole(trees), first_tree=whole(trees + 1), points=whole(placed), first_point=whole(trees + 1),
-        island=whole(trees), label=zeros(trees), at_work=zeros(trees), wrong=zeros(trees), slope=zeros(trees),
-        fraction=zeros(trees), shared=zeros(trees), old=np.zeros((slots, OLD)), **_narrow_phase(sizes, zeros),
+        island=whole(trees), label=zeros(trees), old=np.zeros((slots, OLD)), **_narrow_phase(sizes, zeros),
     )  # fmt: skip
 
 

@@ -31,8 +31,8 @@ def _evaluate(run, y, t, slope):
     at = Step(
         scene=scene, actuator=act, decay=None, offsets=offsets, y=y, tau=u.tau, drive=u.drive, predicted=None,
         t=t, span=h, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
-        tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, pool=scratch.pool, part=None,
-        rows=scratch.rows, closing=scratch.closing,
+        tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, N=scratch.N,
+        pool=scratch.pool, part=None, rows=scratch.rows, closing=scratch.closing,
     )  # fmt: skip
     derivative(at, slope)
 

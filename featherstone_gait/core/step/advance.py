@@ -6,37 +6,22 @@ from ..compile.lanes import select
 from ..compile.optional import any_present, plus_item
 from ..compile.taped import unless_noted
 from ..effects.actuator import controller_of, move_actuator, rotor_of
-from ..effects.contact import move_contacts
 from ..effects.controller import filter_speed
 from ..effects.drag import move_drag
 from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
-from ..effects.fluid import PROPULSION, WORKS, move_fluid
+from ..effects.fluid import PROPULSION, WORKS
 from ..effects.friction import move_friction
 from ..effects.gear_friction import GearFriction
+from ..effects.joint import DA, DRIVE, RUB, VN, VP, WN, joint_force, plus_springs, rotor_speed, with_predicted
 from ..effects.pair import move_pairs
 from ..effects.propeller import add_work, plus_propeller
 from ..effects.stop import move_stop
-from ..effects.tendon import move_tendons
 from ..tree.ball import move_balls
 from ..tree.forest import base_index, base_of, is_fixed, joints_of, rows_of
 from ..tree.kinematics import base_acceleration, move_base
 from .context import of_tree
-from .island import solve_islands
-from .newton import (
-    DA,
-    DRIVE,
-    RUB,
-    VN,
-    VP,
-    WN,
-    acting,
-    joint_force,
-    plus_springs,
-    rotor_speed,
-    solve_step,
-    with_predicted,
-)
+from .newton import acting, move_all, solve_islands, solve_step
 
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
@@ -75,9 +60,7 @@ def advance_trees(trees, step):
 def advance(step):
     """Move the state over the step that `solve_step` has solved."""
     y, offsets, (first, end) = step.y, step.offsets, joints_of(step.part, step.scene.tree)
-    move_contacts(step.scene.contact, step)
-    move_tendons(step.scene.tendons, step)
-    move_fluid(step.scene.fluid, step)
+    move_all(step)
     _propellers_work(step.scene.propellers, step)
     for i in range(first, end):
         v = step.Z[VN, i]

@@ -2,17 +2,19 @@
 
 from ..compile.jit import inline, kernel
 from ..effects.actuator import actuator_branch, rotor_of
-from ..effects.contact import U0, UN, begin_contact, contact_branch, place_contacts
+from ..effects.contact import contact_branch
+from ..effects.element import ITERATE, SOLUTION, keep, load
 from ..effects.friction import friction_branch
 from ..effects.gear_friction import GearFriction, gear_branch
+from ..effects.joint import VN, VP, WN, loads, rotor_speed
 from ..effects.pair import pair_branch, place_pairs
+from ..effects.predicted import lookahead
 from ..effects.stop import stop_branch
-from ..effects.tendon import U0 as TENDON_U0
 from ..effects.tendon import UN as TENDON_UN
 from ..effects.tendon import tendon_branch
-from ..tree.forest import joint_count, joints_of, points_of, tendons_of
+from ..tree.forest import joint_count, joints_of
 from .context import of_tree
-from .newton import VN, VP, WK, WN, loads, lookahead, place_tendons_at, predict, rotor_speed
+from .newton import predict, rest_all
 
 
 def branch_count(joints: int, tendons: int, points: int, slots: int) -> int:
@@ -65,47 +67,30 @@ def _and_that_of_loads(friction, step, i, v, w):
 @kernel
 def note_branches_at_start(contact, pairs, step, found):
     """Do the same for the start of a step of Euler's."""
-    _begin(step.scene.trees, contact, step)
+    _begin(step.scene.trees, step)
     if pairs is not None:
         place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
         for i in range(step.pool.count[0]):
             c = step.pool.placed[i]
-            for k in range(3):
-                step.pool.C[c, UN + k] = step.pool.C[c, U0 + k]
+            keep(pairs, c, SOLUTION, load(pairs, c, ITERATE, step), step)
     note_branches(contact, pairs, step, found)
 
 
 @inline
-def _begin(trees, contact, step):
+def _begin(trees, step):
     if trees is None:
-        _begin_tree(contact, step)
+        _begin_tree(step)
     else:
         for k in range(len(trees)):
-            _begin_tree(contact, of_tree(step, trees[k]))
+            _begin_tree(of_tree(step, trees[k]))
 
 
 @inline
-def _begin_tree(contact, step):
+def _begin_tree(step):
     """Take the predicted velocities of a tree for those of the solution."""
-    predict(step.predicted, rotor_of(step.actuator), step)
-    place_contacts(contact, step.predicted, step)
-    place_tendons_at(step)
-    _hold_tendons(step.scene.tendons, step)
+    predict(step.predicted, step)
+    rest_all(step)
     first, end = joints_of(step.part, step.scene.tree)
     for i in range(first, end):
-        step.Z[VN, i], step.Z[WN, i] = step.Z[VP, i], step.Z[WK, i]
         before = step.h_implicit * step.y[step.offsets.qdd + i]
         step.Z[VP, i] = step.Z[VP, i] - before  # loads depend on the last acceleration
-    if contact is not None:
-        point, end_point = points_of(step.part, contact.points)
-        for c in range(point, end_point):
-            begin_contact(contact, c, step.C)
-
-
-@inline
-def _hold_tendons(tendons, step):
-    if tendons is not None:
-        first, end = tendons_of(step.part, tendons.table)
-        for c in range(first, end):
-            row = tendons.table[c].row
-            step.W[row, TENDON_UN] = step.W[row, TENDON_U0]

@@ -80,9 +80,10 @@ class Scratch(NamedTuple):
     """Scratch arrays, which every step overwrites."""
 
     W: np.ndarray  # tree: see tree/layout.py
-    Z: np.ndarray  # joints: see newton.py
-    C: np.ndarray  # contact points: see effects/contact.py
+    Z: np.ndarray  # joints: see effects/joint.py
+    C: np.ndarray  # contact points: see effects/element.py
     F: np.ndarray  # pushes and what bears weight (bodies, 6)
+    N: np.ndarray  # Newton's iteration of each tree: see effects/element.py
     pool: tuple | None  # Pool of pairs: see effects/pair.py
     rows: tuple | None  # Rows of couplings, loops, tendons and pairs: see tree/rows.py
     closing: tuple | None  # Closing of loops: see closure.py
@@ -130,6 +131,7 @@ class Step(NamedTuple):
     Z: np.ndarray
     C: np.ndarray
     F: np.ndarray
+    N: np.ndarray
     pool: tuple | None
     part: np.record | None  # TREE of the one of several trees that takes the step
     rows: tuple | None = None

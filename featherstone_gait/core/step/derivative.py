@@ -9,18 +9,18 @@ from ..compile.jit import inline
 from ..compile.optional import any_present, item_or_zero, plus_item
 from ..effects.actuator import actuator_rates
 from ..effects.ball_spring import place_ball_springs
-from ..effects.contact import contact_rates
 from ..effects.drag import drag_rates
 from ..effects.energies import ENERGIES, WORK
 from ..effects.energies import FRICTION as LOSS
-from ..effects.fluid import PROPULSION, WORKS, fluid_powers, fluid_rates
+from ..effects.fluid import PROPULSION, WORKS, fluid_powers
 from ..effects.friction import direction, friction_rates
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
+from ..effects.joint import ANGLE, CJ, DIAGONAL, TAU, plus_springs
 from ..effects.pair import pair_rates
+from ..effects.predicted import bases_at
 from ..effects.propeller import add_work, plus_propeller
 from ..effects.stop import stop_rates
 from ..effects.surface import clear_drives
-from ..effects.tendon import linearize_tendons, place_tendons, tendon_rates
 from ..tree.aba import acceleration_pass
 from ..tree.ball import ball_positions, ball_rates
 from ..tree.forest import base_index, base_of, joint_count, joints_of, rows_of
@@ -28,7 +28,7 @@ from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
 from .closure import joined_by, place_joined, place_loops
 from .context import of_tree
-from .newton import ANGLE, CJ, DIAGONAL, TAU, articulate, bases_at, external_forces, plus_springs
+from .newton import articulate, external_forces, rates_all
 from .row_solver import act_alone, act_joined
 
 
@@ -74,11 +74,7 @@ def _forces(step, dy):
         others, _ = plus_springs(step, i, speed, others, 0.0)
         others, _ = plus_propeller(scene.propellers, i, speed, others, 0.0)
         step.Z[TAU, i] = T + others
-    contact_rates(scene.contact, step, dy)
-    fluid_rates(scene.fluid, step)
-    place_tendons(scene.tendons, step, q, ball_q, bases_at(None, step), v, 0.0)
-    linearize_tendons(scene.tendons, step)
-    tendon_rates(scene.tendons, step, dy)
+    rates_all(step, dy)
 
 
 @inline

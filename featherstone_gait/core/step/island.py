@@ -1,94 +1,19 @@
-"""The linearly implicit step of trees that touch: Newton's iteration of newton.py over all trees of an island.
+"""Islands: trees that touch, which Newton's iteration of newton.py solves together, and the points between them.
 
-Points between two bodies that can move, and loops, are rows beside the fold: see row_solver.py.
+What works on an island, by its number, works on one tree alone where that is None: a constant of compilation.  Points
+between two bodies that can move, and loops, are rows beside the fold: see row_solver.py.
 
-Trees that touch nothing of each other are iterated each for itself, as if they were alone, and without the workspace
-rows of pairs.  In lanes an island holds the trees that touch in any of them; those that do not touch in one lane have
-labels of their own there, so that the bits of a lane do not depend on its neighbors.
+In lanes an island holds the trees that touch in any of them; those that do not touch in one lane have labels of their
+own there, so that the bits of a lane do not depend on its neighbors.
 """
 
 from ..compile.jit import apart, inline, kernel
-from ..compile.lanes import any_lane, select, width_of
-from ..compile.optional import any_present, if_present
-from ..compile.taped import noting
-from ..effects.actuator import rotor_of
-from ..effects.contact import linearize_contacts, place_contacts
-from ..effects.fluid import place_fluid
-from ..effects.pair import (
-    ON,
-    clear_own_row,
-    compare_pair,
-    fold_pair,
-    is_near,
-    linearize_pair,
-    pair_slope,
-    place_pairs,
-    shift_pair,
-    solve_pair,
-)
-from ..tree.aba import acceleration_pass
-from .closure import joined_by, place_joined
-from .context import of_tree, with_bodies
-from .newton import (
-    BISECTIONS,
-    DA,
-    DIAGONAL,
-    MAX_PASSES,
-    VP,
-    acting,
-    articulate,
-    ask_again,
-    bases_at,
-    compare,
-    descent_slope,
-    external_forces,
-    fill_solution,
-    find_velocities,
-    linearize,
-    lookahead,
-    move_iterate,
-    place_tendons_at,
-    predict,
-    prepare,
-)
-from .row_solver import act_together
-
-
-@kernel
-def solve_islands(pairs, step):
-    """Solve the step of all trees, those together that touch."""
-    scene, pool, trees = step.scene, step.pool, step.scene.trees
-    for k in range(len(trees)):
-        part = of_tree(step, trees[k])
-        predict(step.predicted, rotor_of(step.actuator), part)
-        place_contacts(scene.contact, step.predicted, part)
-        place_tendons_at(part)
-        place_fluid(scene.fluid, step.predicted, part)
-    external_forces(scene.push, scene.lifts, scene.propellers, step, step.Z[VP])
-    place_joined(joined_by(scene.loops), scene.loops, bases_at(step.predicted, step), step)
-    if any_lane(step.y[step.offsets.pair] > 0.0) or _joins(scene.loops):
-        place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
-        find_islands(pairs, step)
-    else:
-        _each_alone(pool, len(trees))
-    forces = any_present(any_present(acting(step), step.tau), scene.contact)
-    alone = with_bodies(step, pairs.bodies)
-    for n in range(pool.count[1]):
-        first = pool.first_tree[n]
-        if pool.first_point[n + 1] > pool.first_point[n] or _joins(scene.loops):
-            _solve_island(n, rotor_of(step.actuator), scene.contact, pairs, step)
-        else:
-            find_velocities(forces, rotor_of(step.actuator), scene.contact, of_tree(alone, trees[pool.trees[first]]))
-
-
-@inline
-def _each_alone(pool, count):
-    """Make an island of each tree where the pool holds no pair."""
-    pool.count[0], pool.count[1], pool.count[2] = 0, count, 0
-    for k in range(count):
-        pool.island[k], pool.trees[k], pool.first_tree[k], pool.first_point[k] = k, k, k, 0
-    pool.first_tree[count], pool.first_point[count] = count, 0
-
+from ..compile.lanes import select, width_of
+from ..compile.optional import if_present, only_if
+from ..effects.element import AT_WORK, FRACTION, SHARED, SLOPE, WRONG, shift_element, with_element
+from ..effects.pair import ON, clear_own_row, fold_pair, is_near, linearize_pair, solve_pair
+from ..tree.forest import base_index
+from .context import of_tree
 
 # ---------------------------------------------------------------------------------------------- who touches whom
 
@@ -143,12 +68,6 @@ def _root_of(parent, k):
     return k
 
 
-@if_present(False)
-def _joins(loops):
-    """Return whether loops join trees."""
-    return loops.joined is not None
-
-
 @if_present()
 def _join_trees(loops, pool):
     """Put trees that loops join into one island, whether a loop is closed or not."""
@@ -193,107 +112,66 @@ def _label_joined(loops, pool):
         pool.label[loops.table[c].tree_a], pool.label[loops.table[c].tree_b] = least, least
 
 
+# ---------------------------------------------------------------------------------------------- its trees
+
+
+def each_tree(function):
+    """Make a function (island, step) that calls `function` with the step of each tree of an island, or of one alone."""
+
+    @inline
+    def of_each(island, step):
+        if island is None:
+            function(step)
+        else:
+            for i in range(step.pool.first_tree[island], step.pool.first_tree[island + 1]):
+                function(of_tree(step, step.scene.trees[step.pool.trees[i]]))
+
+    return of_each
+
+
+@inline
+def trees_of(island, step):
+    """Return the index of an island's first tree, and the one after the last."""
+    if island is None:
+        return 0, 1
+    return step.pool.first_tree[island], step.pool.first_tree[island + 1]
+
+
+@inline
+def tree_number(island, step, i):
+    """Return the number of the tree of this index."""
+    if island is None:
+        return base_index(step.part)
+    return step.pool.trees[i]
+
+
 @kernel
-def _share(n, values, step):
-    """Give each tree of an island the sum over all trees that it touches in the same lane."""
-    pool, first, end = step.pool, step.pool.first_tree[n], step.pool.first_tree[n + 1]
+def _share(n, column, step):
+    """Give each tree of an island the sum of a column of N over all trees that it touches in the same lane."""
+    pool, N, first, end = step.pool, step.N, step.pool.first_tree[n], step.pool.first_tree[n + 1]
     if width_of(step.y) == 1:
-        total = 0.0 * values[0]
+        total = 0.0 * N[0, column]
         for i in range(first, end):
-            total = total + values[pool.trees[i]]
+            total = total + N[pool.trees[i], column]
         for i in range(first, end):
-            values[pool.trees[i]] = total
+            N[pool.trees[i], column] = total
     else:
         for i in range(first, end):
             k = pool.trees[i]
-            total = 0.0 * values[k]
+            total = 0.0 * N[k, column]
             for j in range(first, end):
                 other = pool.trees[j]
-                total = total + select(pool.label[other] == pool.label[k], values[other], 0.0 * total)
-            pool.shared[k] = total
+                total = total + select(pool.label[other] == pool.label[k], N[other, column], 0.0 * total)
+            N[k, SHARED] = total
         for i in range(first, end):
-            values[pool.trees[i]] = pool.shared[pool.trees[i]]
+            N[pool.trees[i], column] = N[pool.trees[i], SHARED]
 
 
-# ---------------------------------------------------------------------------------------------- Newton's iteration
-
-
-@apart
-def _solve_island(n, rotor, contact, pairs, step):
-    """Iterate by Newton's method, all trees of the island together."""
-    pool, zero = step.pool, 0.0 * step.y[step.offsets.newton_iterations]
-    for i in range(pool.first_tree[n], pool.first_tree[n + 1]):
-        pool.at_work[pool.trees[i]] = 1.0 + zero
-    _by_newton(noting(step.y), n, rotor, contact, pairs, step)
+# ---------------------------------------------------------------------------------------------- its points
 
 
 @inline
-def _pass(n, rotor, contact, pairs, step):
-    """Linearize all forces, and solve."""
-    pool, trees = step.pool, step.scene.trees
-    for i in range(pool.first_tree[n], pool.first_tree[n + 1]):
-        part = of_tree(step, trees[pool.trees[i]])
-        linearize(rotor, part)
-        linearize_contacts(contact, part)
-    _solve_linear(n, rotor, contact, pairs, step)
-
-
-@inline
-def _by_newton(noted, n, rotor, contact, pairs, step):
-    """Iterate; for gradients, whose scratch holds a solution, take one pass from there, as newton.py does."""
-    pool, y, counter = step.pool, step.y, step.offsets.newton_iterations
-    first, end, zero = pool.first_tree[n], pool.first_tree[n + 1], 0.0 * y[counter]
-    if noted is not None:
-        for i in range(first, end):
-            pool.fraction[pool.trees[i]] = 1.0 + zero
-        _advance(n, rotor, contact, pairs, step)
-        _pass(n, rotor, contact, pairs, step)
-        for i in range(first, end):
-            ask_again(step.scene.friction, rotor, of_tree(step, step.scene.trees[pool.trees[i]]))
-        return
-    for k in range(MAX_PASSES):
-        _pass(n, rotor, contact, pairs, step)
-        _compare(n, rotor, contact, pairs, step)
-        going, rising = False, False
-        for i in range(first, end):
-            t = pool.trees[i]
-            at_work = pool.at_work[t]
-            y[counter] = select(at_work > 0.0, y[counter] + 1.0, y[counter])
-            pool.at_work[t] = select(pool.wrong[t] > 0.0, at_work, zero)
-            going = going | any_lane(pool.at_work[t] > 0.0)
-            rising = rising | any_lane((pool.at_work[t] > 0.0) & (pool.slope[t] > 0.0))
-            pool.fraction[t] = 1.0 + zero
-        if not going or k == MAX_PASSES - 1:  # the forces asked for last are those at the solution
-            break
-        if k > 0 and rising:
-            _line_search(n, rotor, contact, pairs, step)
-        _advance(n, rotor, contact, pairs, step)
-    for i in range(first, end):
-        failed = pool.at_work[pool.trees[i]] > 0.0
-        y[counter + 1] = select(failed, y[counter + 1] + 1.0, y[counter + 1])
-
-
-@kernel
-def _solve_linear(n, rotor, contact, pairs, step):
-    """Solve the linear model; fill velocities and the model's forces at its solution."""
-    pool, scene = step.pool, step.scene
-    first, end = pool.first_tree[n], pool.first_tree[n + 1]
-    for i in range(first, end):
-        prepare(scene.armature, step.predicted, of_tree(step, scene.trees[pool.trees[i]]))
-    _fold_points(n, pairs, step)
-    for i in range(first, end):
-        articulate(step.Z[DIAGONAL], True, of_tree(step, scene.trees[pool.trees[i]]))
-    act_together(n, pairs, step)
-    for i in range(first, end):
-        part = of_tree(step, scene.trees[pool.trees[i]])
-        acceleration_pass(scene.tree, part.part, step.W, step.Z[DA])
-        fill_solution(rotor, part)
-    for i in range(pool.first_point[n], pool.first_point[n + 1]):
-        solve_pair(pairs.turning, pairs.pairs[pool.pair[pool.points[i]]], step, pool.points[i])
-
-
-@inline
-def _fold_points(n, pairs, step):
+def fold_points(n, pairs, step):
     """Linearize all points, and fold those on bodies that cannot move."""
     pool, first, end = step.pool, step.pool.first_point[n], step.pool.first_point[n + 1]
     for i in range(first, end):
@@ -306,67 +184,34 @@ def _fold_points(n, pairs, step):
             fold_pair(pairs.turning, pair, step, pool.points[i])
 
 
-@kernel
-def _compare(n, rotor, contact, pairs, step):
-    """Fill for each tree where the forces at the solution are not the linear model's, and the slope of the descent."""
-    pool, trees, zero = step.pool, step.scene.trees, 0.0 * step.y[step.offsets.newton_iterations]
-    first, end = pool.first_tree[n], pool.first_tree[n + 1]
-    for i in range(first, end):
-        t = pool.trees[i]
-        wrong, slope = compare(rotor, contact, of_tree(step, trees[t]))
-        pool.wrong[t], pool.slope[t] = select(wrong, 1.0 + zero, zero), slope
+@inline
+def solve_points(n, pairs, step):
+    """Fill velocities and the linear model's forces of all points at the solution."""
+    pool = step.pool
     for i in range(pool.first_point[n], pool.first_point[n + 1]):
-        c = pool.points[i]
-        pair = pairs.pairs[pool.pair[c]]
-        t = pair.tree_a
-        wrong, slope = compare_pair(pairs.turning, pair, step, c, zero > 1.0, pool.slope[t])
-        on = pool.C[c, ON] > 0.0
-        pool.wrong[t] = select(on & wrong, 1.0 + zero, pool.wrong[t])
-        pool.slope[t] = select(on, slope, pool.slope[t])
-    _share(n, pool.wrong, step)
-    _share(n, pool.slope, step)
+        solve_pair(pairs.turning, pairs.pairs[pool.pair[pool.points[i]]], step, pool.points[i])
 
 
-@apart
-def _line_search(n, rotor, contact, pairs, step):
-    """Fill the fraction of the pass at which the descent of each tree ends, by bisection, where it rises at the end."""
-    pool, trees, zero = step.pool, step.scene.trees, 0.0 * step.y[step.offsets.newton_iterations]
-    first, end = pool.first_tree[n], pool.first_tree[n + 1]
-    size = 1.0
-    for i in range(first, end):
-        t = pool.trees[i]
-        pool.wrong[t] = select(pool.slope[t] > 0.0, 1.0 + zero, zero)  # where it rises
-        pool.fraction[t] = zero
-    for _ in range(BISECTIONS):
-        size = 0.5 * size
-        for i in range(first, end):
-            t = pool.trees[i]
-            pool.fraction[t] = pool.fraction[t] + size
-            pool.slope[t] = descent_slope(rotor, contact, of_tree(step, trees[t]), pool.fraction[t])
-        for i in range(pool.first_point[n], pool.first_point[n + 1]):
-            c = pool.points[i]
-            pair = pairs.pairs[pool.pair[c]]
-            t = pair.tree_a
-            more = pool.slope[t] + pair_slope(pairs.turning, pair, step, c, pool.fraction[t])
-            pool.slope[t] = select(pool.C[c, ON] > 0.0, more, pool.slope[t])
-        _share(n, pool.slope, step)
-        for i in range(first, end):
-            t = pool.trees[i]
-            pool.fraction[t] = select(pool.slope[t] > 0.0, pool.fraction[t] - size, pool.fraction[t])
-    for i in range(first, end):
-        t = pool.trees[i]
-        found = pool.fraction[t] + 0.5 * size
-        pool.fraction[t] = select(pool.wrong[t] > 0.0, found, 1.0 + zero)
-
-
-@kernel
-def _advance(n, rotor, contact, pairs, step):
-    """Move the iterate of each tree, in the lanes still at work."""
-    pool, trees = step.pool, step.scene.trees
-    for i in range(pool.first_tree[n], pool.first_tree[n + 1]):
-        t = pool.trees[i]
-        move_iterate(rotor, contact, of_tree(step, trees[t]), pool.fraction[t], pool.at_work[t] > 0.0)
+@inline
+def descend_points(n, searching, pairs, step):
+    """Add the points to WRONG and SLOPE of their first tree, of which then each tree that it touches has the sum."""
+    pool, N, zero = step.pool, step.N, 0.0 * step.y[step.offsets.newton_iterations]
     for i in range(pool.first_point[n], pool.first_point[n + 1]):
         c = pool.points[i]
         t = pairs.pairs[pool.pair[c]].tree_a
-        shift_pair(pool, c, pool.fraction[t], pool.at_work[t] > 0.0)
+        fraction = only_if(searching, N[t, FRACTION])
+        wrong, slope = with_element(fraction, pairs, c, step, N[t, WRONG] > 0.0, N[t, SLOPE])
+        N[t, WRONG], N[t, SLOPE] = select(wrong, 1.0 + zero, zero), slope
+    if searching is None:
+        _share(n, WRONG, step)
+    _share(n, SLOPE, step)
+
+
+@inline
+def shift_points(n, pairs, step):
+    """Move the iterate of all points, in the lanes in which their first tree is at work."""
+    pool, N = step.pool, step.N
+    for i in range(pool.first_point[n], pool.first_point[n + 1]):
+        c = pool.points[i]
+        t = pairs.pairs[pool.pair[c]].tree_a
+        shift_element(pairs, c, N[t, FRACTION], N[t, AT_WORK] > 0.0, step)

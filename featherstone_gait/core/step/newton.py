@@ -23,48 +23,21 @@ as convex.  Each pass ends in it, so that forces of couplings and loops do no wo
 what is compared knows them.
 """
 
-from ..compile.by_type import overridable
-from ..compile.jit import inline, kernel
+from ..compile.each import for_each
+from ..compile.jit import apart, inline, kernel
 from ..compile.lanes import any_lane, select
-from ..compile.optional import any_present, if_present, item_or_zero, only_if, plus_item, slice_if
-from ..compile.taped import begin_external, constant, noting, pass_external, tape_of, value_of
-from ..effects.actuator import actuator_force, rotor_of
-from ..effects.ball_spring import place_ball_springs, plus_ball_spring
-from ..effects.contact import (
-    FLOOR,
-    compare_contacts,
-    contact_slope,
-    fold_contacts,
-    linearize_contacts,
-    place_contacts,
-    shift_contacts,
-    shifted,
-    solved_contacts,
-)
-from ..effects.drag import plus_drag
-from ..effects.fluid import (
-    compare_fluid,
-    fluid_slope,
-    fold_fluid,
-    linearize_fluid,
-    place_fluid,
-    shift_fluid,
-    solved_fluid,
-)
-from ..effects.friction import ROUNDING, STEEPEST, direction, friction_torque, snap_to_rest
-from ..effects.gear_friction import GearFriction, gear_friction, stribeck
-from ..effects.joint_spring import plus_spring
-from ..effects.propeller import add_propellers, plus_propeller
+from ..compile.optional import any_present, if_present, only_if
+from ..compile.taped import begin_external, noting, pass_external, tape_of, value_of
+from ..effects import element
+from ..effects.actuator import rotor_of
+from ..effects.ball_spring import place_ball_springs
+from ..effects.contact import Moments
+from ..effects.element import AT_WORK, FRACTION, RISES, SLOPE, WRONG
+from ..effects.joint import ANGLE, DA, DIAGONAL, TAU, VN, VP, ask_again, joints
+from ..effects.pair import place_pairs
+from ..effects.predicted import bases_at, lookahead
+from ..effects.propeller import add_propellers
 from ..effects.push import add_pushes
-from ..effects.stop import stop_torque
-from ..effects.tendon import (
-    compare_tendons,
-    linearize_tendons,
-    place_tendons,
-    shift_tendons,
-    solved_tendons,
-    tendon_slope,
-)
 from ..tree.aba import acceleration_pass, articulated_pass
 from ..tree.ball import ball_positions, last_balls, move_balls
 from ..tree.forest import base_count, base_index, base_of, joint_count, joints_of
@@ -73,37 +46,39 @@ from ..tree.kinematics import motion_pass, move_base
 from ..tree.layout import UU, Motion, U
 from ..tree.residual import residual
 from ..tree.spatial import load3
-from .closure import place_loops
-from .row_solver import act_alone
+from .closure import joined_by, place_joined, place_loops
+from .context import of_tree, with_bodies
+from .island import (
+    descend_points,
+    each_tree,
+    find_islands,
+    fold_points,
+    shift_points,
+    solve_points,
+    tree_number,
+    trees_of,
+)
+from .row_solver import act_alone, act_together
+
+# What a step has of each kind of elements of a tree: see effects/element.py.
+KINDS = (
+    "joints(step)",
+    "step.scene.contact",
+    "Moments(step.scene.contact.rolling)",
+    "step.scene.tendons",
+    "step.scene.fluid",
+)
+place_all, linearize_all, fold_all, solve_all, shift_all, rest_all, move_all, rates_all = (
+    for_each(function, KINDS, joints=joints, Moments=Moments)
+    for function in (
+        element.place, element.linearize, element.fold, element.solve, element.shift, element.rest, element.move,
+        element.rates,
+    )
+)  # fmt: skip
+descend_all = for_each(element.descend, KINDS, ("wrong", "slope"), joints=joints, Moments=Moments)
 
 MAX_PASSES = 40
 BISECTIONS = 16
-
-# Rows of the scratch `Z`, one column a joint.
-VP = 0  # velocity for which the bias is taken
-VK = 1  # velocity about which the forces are linearized
-VN = 2  # velocity of the solution
-WK = 3  # rotor speeds, likewise
-WN = 4
-T0 = 5  # linear model of the torque on the joint: T0 - CJ v
-CJ = 6
-TL = 7  # its value at VN
-WP = 8  # rotor speed of the linear model: WP + WS v
-WS = 9
-FW0 = 10  # linear model of the torque on the rotor: FW0 - FWW w + FWV v
-FWW = 11
-FWV = 12
-FLW = 13  # its value at WN, VN
-RT = 14  # inertial forces at VK: joint and rotor
-RW = 15
-TAU = 16  # what the ABA is given
-DIAGONAL = 17
-DA = 18  # what it returns: acceleration beyond the predicted one
-STRIBECK = 19  # of gear_friction.py: what is left at VP of what falls with the speed
-DRIVE = 20  # what drives a gear, where its forces were last asked for, and its friction
-RUB = 21
-ANGLE = 22  # rotation vectors of ball joints with springs
-SCRATCH = 23
 
 
 @inline
@@ -112,37 +87,54 @@ def solve_step(step):
 
     A lane that has converged repeats its last pass to the same bits while its neighbors go on.
     """
-    predict(step.predicted, rotor_of(step.actuator), step)
-    place_contacts(step.scene.contact, step.predicted, step)
-    place_tendons_at(step)
-    place_fluid(step.scene.fluid, step.predicted, step)
+    predict(step.predicted, step)
     external_forces(step.scene.push, step.scene.lifts, step.scene.propellers, step, step.Z[VP])
-    forces = any_present(any_present(acting(step), step.tau), step.scene.contact)
-    find_velocities(forces, rotor_of(step.actuator), step.scene.contact, step)
+    find_velocities(_forces(step), None, step)
+
+
+@kernel
+def solve_islands(pairs, step):
+    """Solve the step of all trees, those together that touch.
+
+    Trees that touch nothing of each other are iterated each for itself, as if they were alone, and without the
+    workspace rows of pairs.
+    """
+    scene, pool, trees = step.scene, step.pool, step.scene.trees
+    for k in range(len(trees)):
+        predict(step.predicted, of_tree(step, trees[k]))
+    external_forces(scene.push, scene.lifts, scene.propellers, step, step.Z[VP])
+    place_joined(joined_by(scene.loops), scene.loops, bases_at(step.predicted, step), step)
+    if any_lane(step.y[step.offsets.pair] > 0.0) or _join(scene.loops):
+        place_pairs(pairs, step.predicted, step, lookahead(step.predicted, step.h_implicit))
+        find_islands(pairs, step)
+    else:
+        _each_alone(pool, len(trees))
+    alone = with_bodies(step, pairs.bodies)
+    for n in range(pool.count[1]):
+        if pool.first_point[n + 1] > pool.first_point[n] or _join(scene.loops):
+            _solve_island(n, step)
+        else:
+            find_velocities(_forces(step), None, of_tree(alone, trees[pool.trees[pool.first_tree[n]]]))
+
+
+@if_present(False)
+def _join(loops):
+    """Return whether loops join trees."""
+    return loops.joined is not None
 
 
 @inline
-def place_tendons_at(step):
-    """Fill lengths and speeds of tendons at the predicted state."""
-    q, ball_q = step.y[step.offsets.q :], _balls_at(step.predicted, step)
-    bases, ahead = bases_at(step.predicted, step), lookahead(step.predicted, step.h_implicit)
-    place_tendons(step.scene.tendons, step, q, ball_q, bases, step.Z[VP], ahead)
+def _each_alone(pool, count):
+    """Make an island of each tree where the pool holds no pair."""
+    pool.count[0], pool.count[1], pool.count[2] = 0, count, 0
+    for k in range(count):
+        pool.island[k], pool.trees[k], pool.first_tree[k], pool.first_point[k] = k, k, k, 0
+    pool.first_tree[count], pool.first_point[count] = count, 0
 
 
-@inline
-def _balls_at(predicted, step):
-    """Return the quaternions of ball joints at the predicted state, None without ball joints."""
-    if predicted is None:
-        return ball_positions(step.scene.balls, step.y, step.offsets.ball_q)
-    return last_balls(step.scene.balls, predicted)
-
-
-@inline
-def lookahead(predicted, h):
-    """Return how long after the step's start the poses are those of W [s]."""
-    if predicted is None:
-        return 0.0
-    return h
+@apart
+def _solve_island(n, step):
+    find_velocities(True, n, step)
 
 
 @inline
@@ -176,75 +168,211 @@ def acting(step):
 
 
 @inline
-def find_velocities(forces, rotor, contact, step):
-    """Iterate by Newton's method, or solve one ABA where no force depends on the velocity sought."""
-    if forces is None:
-        _solve_free(step.scene.armature, step.predicted, step)
-        return
-    _iterate(noting(step.y), rotor, contact, step)
+def _forces(step):
+    """Return True, None where no force depends on the velocity sought."""
+    return any_present(any_present(acting(step), step.tau), step.scene.contact)
 
 
 @inline
-def _iterate(noted, rotor, contact, step):
+def find_velocities(forces, island, step):
+    """Iterate by Newton's method, or solve one ABA where there are no `forces` that depend on the velocity sought.
+
+    island : int or None
+        Number of the island whose trees are solved together; None: the step's tree alone.
+    """
+    if forces is None:
+        _solve_free(step.scene.armature, step.predicted, step)
+        return
+    _iterate(noting(step.y), island, step)
+
+
+# ---------------------------------------------------------------------------------------------- Newton's iteration
+
+
+@inline
+def _iterate(noted, island, step):
     """Iterate; for gradients, whose scratch holds a solution, take one pass from there (taped.py).
 
     The derivative of a solution is that of the linear system that it solves with the iterate held.
     """
+    _begin(island, step)
     if noted is not None:
-        fraction = 1.0 + 0.0 * step.Z[VP, 0]
-        move_iterate(rotor, contact, step, fraction, fraction > 0.0)
-        linearize(rotor, step)
-        linearize_contacts(contact, step)
-        prepare(step.scene.armature, step.predicted, step)
-        _note_accelerations(is_coupled(step.scene), any_present(contact, step.scene.fluid), step)
-        fill_solution(rotor, step)
-        ask_again(step.scene.friction, rotor, step)
+        _move_on(island, step)
+        _note(is_coupled(step.scene), island, step)
+        _ask_again(island, step)
         return
-    y, offsets, Z = step.y, step.offsets, step.Z
-    active = Z[VP, 0] == Z[VP, 0]  # false for a lane that is not finite
     for k in range(MAX_PASSES):
-        linearize(rotor, step)
-        linearize_contacts(contact, step)
-        _solve_linear(step.scene.armature, step.predicted, rotor, step)
-        wrong, rising = compare(rotor, contact, step)
-        y[offsets.newton_iterations] = select(active, y[offsets.newton_iterations] + 1.0, y[offsets.newton_iterations])
-        active = active & wrong
-        if not any_lane(active) or k == MAX_PASSES - 1:  # the forces asked for last are those at the solution
+        _pass(island, step)
+        _descend(island, None, step)
+        if not _goes_on(island, step) or k == MAX_PASSES - 1:  # the forces asked for last are those at the solution
             break
-        fraction = 1.0 + 0.0 * Z[VP, 0]
-        if k > 0 and any_lane(active & (rising > 0.0)):
-            fraction = _line_search(rotor, contact, step, rising)
-        move_iterate(rotor, contact, step, fraction, active)
-    y[offsets.newton_iterations + 1] = select(
-        active, y[offsets.newton_iterations + 1] + 1.0, y[offsets.newton_iterations + 1]
-    )
+        _choose_fraction(k > 0, island, step)
+        _move_on(island, step)
+    _count_failures(island, step)
 
 
+@each_tree
 @inline
-def is_coupled(scene):
-    """Return True, None for one robot that nothing couples but its joints."""
-    return any_present(any_present(scene.trees, scene.coupling), any_present(scene.loops, scene.tendons))
+def _begin(step):
+    """Set a tree to work, but in lanes that are not finite."""
+    Z, N, t, zero = step.Z, step.N, base_index(step.part), 0.0 * step.y[step.offsets.newton_iterations]
+    N[t, AT_WORK], N[t, FRACTION] = select(Z[VP, 0] == Z[VP, 0], 1.0 + zero, zero), 1.0 + zero
 
 
-@inline
-def factor_again(step):
-    """Leave the factors of a step's linear system at the solution, which the iterate becomes."""
-    contact, rotor = step.scene.contact, rotor_of(step.actuator)
-    move_iterate(rotor, contact, step, 1.0, True)
-    linearize(rotor, step)
-    linearize_contacts(contact, step)
-    prepare(step.scene.armature, step.predicted, step)
-    articulate(step.Z[DIAGONAL], contact, step)
-
-
-@inline
-def _note_accelerations(coupled, contact, step):
-    """Fill DA by both passes, or about the solution that the scratch holds: by the residual (tree/residual.py)."""
-    if coupled is not None:
-        accelerations(step.Z[DIAGONAL], step.scene.contact, step, step.Z[DA])
+@kernel
+def _pass(island, step):
+    """Linearize all forces and solve; fill velocities and the linear model's forces at its solution."""
+    _prepare(island, step)
+    if island is None:
+        articulate(step.Z[DIAGONAL], step.scene.contact, step)
+        act_alone(any_present(step.scene.contact, step.scene.fluid), step)
+        _finish(island, step)
     else:
-        wrench = any_present(any_present(step.scene.push, step.scene.lifts), step.scene.propellers)
-        _note_residual(step.scene.floating, contact, only_if(wrench, step.F), step)
+        fold_points(island, step.scene.pairs, step)
+        _articulate_together(island, step)
+        act_together(island, step.scene.pairs, step)
+        _finish(island, step)
+        solve_points(island, step.scene.pairs, step)
+
+
+@each_tree
+@inline
+def _prepare(step):
+    linearize_all(step)
+    fold_all(step)
+
+
+@each_tree
+@inline
+def _articulate_together(step):
+    articulate(step.Z[DIAGONAL], True, step)
+
+
+@each_tree
+@inline
+def _finish(step):
+    acceleration_pass(step.scene.tree, step.part, step.W, step.Z[DA])
+    solve_all(step)
+
+
+@kernel
+def _descend(island, searching, step):
+    """Fill where the forces at the solution are not the linear model's, and the slope of the descent there.
+
+    searching : bool or None
+        True: the slope at each tree's FRACTION of the pass, and nothing else.
+    """
+    if searching is None:
+        _compare(island, step)
+    else:
+        _find_slope(island, step)
+    if island is not None:
+        descend_points(island, searching, step.scene.pairs, step)
+
+
+@each_tree
+@inline
+def _compare(step):
+    N, t, zero = step.N, base_index(step.part), 0.0 * step.y[step.offsets.newton_iterations]
+    wrong, N[t, SLOPE] = descend_all(None, step, zero > 1.0, zero)
+    N[t, WRONG] = select(wrong, 1.0 + zero, zero)
+
+
+@each_tree
+@inline
+def _find_slope(step):
+    N, t = step.N, base_index(step.part)
+    zero = 0.0 * N[t, FRACTION]
+    _, N[t, SLOPE] = descend_all(N[t, FRACTION], step, zero > 1.0, zero)
+
+
+@inline
+def _goes_on(island, step):
+    """Count the pass; return whether another one follows."""
+    y, N, counter, (first, end) = step.y, step.N, step.offsets.newton_iterations, trees_of(island, step)
+    going, zero = False, 0.0 * y[counter]
+    for i in range(first, end):
+        t = tree_number(island, step, i)
+        at_work = N[t, AT_WORK]
+        y[counter] = select(at_work > 0.0, y[counter] + 1.0, y[counter])
+        at_work = select(N[t, WRONG] > 0.0, at_work, zero)
+        going = going | any_lane(at_work > 0.0)
+        N[t, AT_WORK] = at_work
+    return going
+
+
+@kernel
+def _choose_fraction(searches, island, step):
+    """Let the iterate move by the whole pass; if it `searches`, only as far as the descent goes."""
+    N, (first, end), rising = step.N, trees_of(island, step), False
+    for i in range(first, end):
+        t = tree_number(island, step, i)
+        rising = rising | any_lane((N[t, AT_WORK] > 0.0) & (N[t, SLOPE] > 0.0))
+        N[t, FRACTION] = 1.0 + 0.0 * N[t, AT_WORK]
+    if searches and rising:
+        _search(island, step)
+
+
+@kernel
+def _search(island, step):
+    """Fill the fraction of the pass at which the descent of each tree ends, by bisection, where it rises at the end."""
+    N, (first, end), size = step.N, trees_of(island, step), 1.0
+    for i in range(first, end):
+        t = tree_number(island, step, i)
+        zero = 0.0 * N[t, AT_WORK]
+        N[t, RISES], N[t, FRACTION] = select(N[t, SLOPE] > 0.0, 1.0 + zero, zero), zero
+    for _ in range(BISECTIONS):
+        size = 0.5 * size
+        for i in range(first, end):
+            t = tree_number(island, step, i)
+            N[t, FRACTION] = N[t, FRACTION] + size
+        _descend(island, True, step)
+        for i in range(first, end):
+            t = tree_number(island, step, i)
+            N[t, FRACTION] = select(N[t, SLOPE] > 0.0, N[t, FRACTION] - size, N[t, FRACTION])
+    for i in range(first, end):
+        t = tree_number(island, step, i)
+        found = N[t, FRACTION] + 0.5 * size
+        N[t, FRACTION] = select(N[t, RISES] > 0.0, found, 1.0 + 0.0 * found)
+
+
+@kernel
+def _move_on(island, step):
+    """Move the iterate of each tree, in the lanes still at work."""
+    _shift(island, step)
+    if island is not None:
+        shift_points(island, step.scene.pairs, step)
+
+
+@each_tree
+@inline
+def _shift(step):
+    shift_all(step)
+
+
+@inline
+def _count_failures(island, step):
+    y, failures, (first, end) = step.y, step.offsets.newton_iterations + 1, trees_of(island, step)
+    for i in range(first, end):
+        failed = step.N[tree_number(island, step, i), AT_WORK] > 0.0
+        y[failures] = select(failed, y[failures] + 1.0, y[failures])
+
+
+# ---------------------------------------------------------------------------------------------- for gradients
+
+
+@inline
+def _note(coupled, island, step):
+    """Take the pass that is differentiated: by both passes of the ABA, or by the residual (tree/residual.py)."""
+    if coupled is not None:
+        _pass(island, step)
+    else:
+        linearize_all(step)
+        fold_all(step)
+        contact, scene = any_present(step.scene.contact, step.scene.fluid), step.scene
+        wrench = any_present(any_present(scene.push, scene.lifts), scene.propellers)
+        _note_residual(scene.floating, contact, only_if(wrench, step.F), step)
+        solve_all(step)
 
 
 @kernel
@@ -272,24 +400,34 @@ def count_of_base(floating):
     return 6
 
 
-@overridable
-def ask_again(friction, rotor, step):
-    """Leave what is left by the forces of joints that were asked for last, at the solution."""
+@each_tree
+@inline
+def _ask_again(step):
+    ask_again(step.scene.friction, rotor_of(step.actuator), step)
 
 
-@ask_again.of(GearFriction)
-def _ask_gears(friction, rotor, step):
-    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
-    for i in range(first, end):
-        joint_force(friction, step, i, Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0))
+@inline
+def is_coupled(scene):
+    """Return True, None for one robot that nothing couples but its joints."""
+    return any_present(any_present(scene.trees, scene.coupling), any_present(scene.loops, scene.tendons))
+
+
+@inline
+def factor_again(step):
+    """Leave the factors of a step's linear system at the solution, which the iterate becomes."""
+    _begin(None, step)
+    _move_on(None, step)
+    linearize_all(step)
+    fold_all(step)
+    articulate(step.Z[DIAGONAL], step.scene.contact, step)
 
 
 # ---------------------------------------------------------------------------------------------- the predicted state
 
 
 @kernel
-def predict(predicted, rotor, step):
-    """Fill W and Z with poses, velocities and bias at the predicted state; the iteration starts there."""
+def predict(predicted, step):
+    """Fill W and Z with poses, velocities and bias at the predicted state, and place all elements there."""
     scene, part, y, offsets, Z = step.scene, step.part, step.y, step.offsets, step.Z
     n, (first, end) = joint_count(scene.trees, scene.tree), joints_of(part, scene.tree)
     bq, bv = base_of(scene.floating, part, y, offsets.base_q, 7), base_of(scene.floating, part, y, offsets.base_qd, 6)
@@ -317,32 +455,7 @@ def predict(predicted, rotor, step):
     place_loops(scene.loops, bases_at(predicted, step), step)
     ahead = lookahead(predicted, step.h_implicit)
     place_ball_springs(scene.ball_springs, scene.balls, part, ball_q, Z[VP], ahead, Z[ANGLE])
-    for i in range(first, end):
-        Z[VK, i] = Z[VP, i]
-        if rotor is not None:
-            Z[WK, i] = y[offsets.rotor_speed + i]
-    _begin_friction(scene.friction, step)
-
-
-@inline
-def bases_at(predicted, step):
-    """Return the positions of all bases (7 bases,) of which W holds the poses; None if none has any."""
-    scene = step.scene
-    if predicted is None:
-        return slice_if(scene.floating, step.y, step.offsets.base_q, 7 * base_count(scene.trees))
-    return slice_if(scene.floating, predicted, 2 * joint_count(scene.trees, scene.tree), 7 * base_count(scene.trees))
-
-
-@overridable
-def _begin_friction(friction, step):
-    """Store what friction takes at the predicted speeds."""
-
-
-@_begin_friction.of(GearFriction)
-def _fill_stribeck(friction, step):
-    first, end = joints_of(step.part, step.scene.tree)
-    for i in range(first, end):
-        step.Z[STRIBECK, i] = stribeck(friction.table[i], step.Z[VP, i])
+    place_all(step)
 
 
 @inline
@@ -352,83 +465,6 @@ def _predict_base(bq, bv, ba, predicted, position, speed, h_implicit):
         for k in range(6):
             predicted[speed + k] = bv[k] + h_implicit * ba[k]
         move_base(bq, predicted[speed : speed + 6], h_implicit, predicted[position : position + 7])
-
-
-# ---------------------------------------------------------------------------------------------- forces of a joint
-
-
-@overridable
-def joint_force(friction, step, i, v, w):
-    """Return the torque on joint i at the speeds v, w of joint and rotor, with slopes: see effects/actuator.py.
-
-    Returns T, F, c, cg and cr of all that acts, and dT/dw: no other than cg, unless friction knows the load.
-    """
-    Tf, cf = friction_torque(friction, step, i, v)
-    Tf, cf = plus_drag(step.scene.drag, i, v, Tf, cf)
-    Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
-    T, c = plus_springs(step, i, v, Tf + Ts, cf + cs)
-    T, c = plus_propeller(step.scene.propellers, i, v, T, c)
-    T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, plus_item(T, step.tau, i), c)
-    return T, F, c, cg, cr, cg
-
-
-@inline
-def plus_springs(step, i, v, T, c):
-    """Return T plus the torque of the springs of joint i at the speed v [N m], and c plus its slope -dT/dv."""
-    T, c = plus_spring(step.scene.joint_springs, step.scene.stiffening, step, i, v, T, c)
-    return plus_ball_spring(step.scene.ball_springs, step.Z[ANGLE], step.h_implicit, i, v, T, c)
-
-
-@joint_force.of(GearFriction)
-def _with_gear_friction(friction, step, i, v, w):
-    Tm, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, 0.0 * v, 0.0 * v)
-    Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
-    Tf, cf, by_m = gear_friction_torque(friction, step, i, v, Tm)
-    step.Z[DRIVE, i], step.Z[RUB, i] = Tm, Tf
-    Tf, cf = plus_drag(step.scene.drag, i, v, Tf, cf)
-    T, ck = plus_springs(step, i, v, (Tm + Tf) + Ts, cf + cs)
-    T, ck = plus_propeller(step.scene.propellers, i, v, T, ck)
-    return plus_item(T, step.tau, i), F, c * (1.0 + by_m) + ck, cg, cr, cg * (1.0 + by_m)
-
-
-@inline
-def gear_friction_torque(friction, step, i, v, Tm):
-    """Return a gear's friction [N m] under the drive Tm [N m], its slope -d/dv at fixed Tm, and the slope by Tm."""
-    f = friction.table[i]
-    A, B = item_or_zero(step.scene.armature, i), f.viscous_friction
-    x, slope = direction(step.extrapolation_ratio, f, step, i, v)
-    T, by_x, by_m, by_b = gear_friction(f, step.Z[STRIBECK, i], x, Tm, A * _acceleration(step, i, v) + B * v)
-    return T - B * v, B - by_x * slope - by_b * (A / step.h_implicit + B), by_m
-
-
-@inline
-def _acceleration(step, i, v):
-    """Return the acceleration of joint i in the step if its forces are taken at the speed v [rad/s^2]."""
-    return with_predicted(step.predicted, (v - step.Z[VP, i]) / step.h_implicit, step.y[step.offsets.qdd + i])
-
-
-@inline
-def loads(friction, step, i, v, w):
-    """Return what drives the gear of joint i and what the mechanism does to it, t_m and t_e [N m]."""
-    Tm, _, _, _, _ = actuator_force(step.actuator, step, i, v, w, 0.0 * v, 0.0 * v)
-    Tf, _, _ = gear_friction_torque(friction, step, i, v, Tm)
-    return Tm, item_or_zero(step.scene.armature, i) * _acceleration(step, i, v) - Tm - Tf
-
-
-@inline
-def with_predicted(predicted, da, last):
-    """Return the acceleration [rad/s^2]; the midpoint rule solves for what goes beyond the last step's."""
-    if predicted is None:
-        return da
-    return da + last
-
-
-@inline
-def rotor_speed(rotor, Z, row, i, otherwise):
-    """Return the rotor's speed in a row of the scratch [rad/s]; `otherwise` without rotors."""
-    if rotor is None:
-        return otherwise
-    return Z[row, i]
 
 
 # ---------------------------------------------------------------------------------------------- one linear system
@@ -463,141 +499,3 @@ def articulate(diagonal, contact, step):
     wrench = only_if(any_present(any_present(scene.push, scene.lifts), scene.propellers), step.F)
     contact = any_present(contact, scene.fluid)
     articulated_pass(scene.tree, part, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
-
-
-@kernel
-def linearize(rotor, step):
-    """Linearize the forces about VK, WK and eliminate the rotor: T = T0 - CJ v."""
-    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
-    for i in range(first, end):
-        v, w = Z[VK, i], Z[WK, i]
-        T, F, c, cg, cr, ct = joint_force(step.scene.friction, step, i, v, w)
-        Z[T0, i] = T + c * v
-        Z[CJ, i] = c
-        if rotor is not None:
-            d = rotor[i].inertia / step.h_implicit + cr + cg
-            p = rotor[i].inertia / step.h_implicit * step.y[step.offsets.rotor_speed + i] + F + (cr + cg) * w - cg * v
-            k = cg / d
-            Z[T0, i] = T + (c + ct) * v - ct * w + (ct / d) * p
-            Z[CJ, i] = c + ct * (1.0 - k)
-            Z[WP, i] = p / d
-            Z[WS, i] = k
-            Z[FW0, i] = F + (cr + cg) * w - cg * v
-            Z[FWW, i] = cr + cg
-            Z[FWV, i] = cg
-    linearize_tendons(step.scene.tendons, step)
-    linearize_fluid(step.scene.fluid, step)
-
-
-@kernel
-def _solve_linear(armature, predicted, rotor, step):
-    """Solve the linear model by one ABA; fill velocities and the model's forces at its solution."""
-    prepare(armature, predicted, step)
-    accelerations(step.Z[DIAGONAL], step.scene.contact, step, step.Z[DA])
-    fill_solution(rotor, step)
-
-
-@inline
-def prepare(armature, predicted, step):
-    """Fill the torques and the diagonal that the linear model gives the ABA, and the contact rows of the bodies."""
-    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
-    for i in range(first, end):
-        Z[TAU, i] = Z[T0, i] - Z[CJ, i] * Z[VP, i]
-        Z[DIAGONAL, i] = step.h_implicit * Z[CJ, i]
-        if armature is not None:
-            Z[DIAGONAL, i] = Z[DIAGONAL, i] + armature[i]
-            if predicted is not None:
-                Z[TAU, i] = Z[TAU, i] - armature[i] * step.y[step.offsets.qdd + i]
-    fold_contacts(step.scene.contact, step, step.h_implicit)
-    fold_fluid(step.scene.fluid, step, step.h_implicit)
-
-
-@inline
-def fill_solution(rotor, step):
-    """Fill velocities and the model's forces at the solution, whose accelerations DA the ABA has found."""
-    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
-    for i in range(first, end):
-        v = Z[VP, i] + step.h_implicit * Z[DA, i]
-        Z[VN, i] = v
-        Z[TL, i] = Z[T0, i] - Z[CJ, i] * v
-        if rotor is not None:
-            w = Z[WP, i] + Z[WS, i] * v
-            Z[WN, i] = w
-            Z[FLW, i] = Z[FW0, i] - Z[FWW, i] * w + Z[FWV, i] * v
-    solved_contacts(step.scene.contact, step)
-    solved_tendons(step.scene.tendons, step, Z[DA])
-    solved_fluid(step.scene.fluid, step)
-
-
-# ---------------------------------------------------------------------------------------------- convergence
-
-
-@kernel
-def compare(rotor, contact, step):
-    """Return where the forces at the solution differ from the linear model's, and the slope of the descent there."""
-    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
-    slope = 0.0 * Z[VN, 0]
-    wrong = slope > 1.0
-    for i in range(first, end):
-        v, w = Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0)
-        T, F, _, _, _, _ = joint_force(step.scene.friction, step, i, v, w)
-        least = FLOOR + select(Z[CJ, i] > STEEPEST, ROUNDING * (Z[CJ, i] * abs(v)), 0.0 * v)
-        wrong = wrong | (abs(T - Z[TL, i]) > step.tolerance * (abs(T) + abs(Z[TL, i])) + least)
-        slope = slope + (v - Z[VK, i]) * (Z[TL, i] - T)
-        if rotor is not None:
-            wrong = wrong | (abs(F - Z[FLW, i]) > step.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
-            slope = slope + (w - Z[WK, i]) * (Z[FLW, i] - F)
-    wrong, slope = compare_tendons(step.scene.tendons, step, wrong, slope)
-    wrong, slope = compare_fluid(step.scene.fluid, step, wrong, slope)
-    return compare_contacts(contact, step, wrong, slope)
-
-
-@kernel
-def _line_search(rotor, contact, step, rising):
-    """Return where the descent along the pass ends, by bisection, in the lanes in which it rises at the end."""
-    low = 0.0 * rising
-    high = 1.0 + 0.0 * rising
-    for _ in range(BISECTIONS):
-        fraction = 0.5 * (low + high)
-        up = descent_slope(rotor, contact, step, fraction) > 0.0
-        low, high = select(up, low, fraction), select(up, fraction, high)
-    return select(rising > 0.0, 0.5 * (low + high), 1.0 + 0.0 * rising)
-
-
-@kernel
-def descent_slope(rotor, contact, step, fraction):
-    """Return the slope of the convex function at a fraction of the pass: inertial less applied force."""
-    Z, slope, (first, end) = step.Z, 0.0 * fraction, joints_of(step.part, step.scene.tree)
-    for i in range(first, end):
-        p = Z[VN, i] - Z[VK, i]
-        pw = rotor_speed(rotor, Z, WN, i, 0.0) - rotor_speed(rotor, Z, WK, i, 0.0)
-        w = rotor_speed(rotor, Z, WK, i, 0.0) + fraction * pw
-        T, F, _, _, _, _ = joint_force(step.scene.friction, step, i, Z[VK, i] + fraction * p, w)
-        slope = slope + p * (Z[RT, i] + fraction * (Z[TL, i] - Z[RT, i]) - T)
-        if rotor is not None:
-            slope = slope + pw * (Z[RW, i] + fraction * (Z[FLW, i] - Z[RW, i]) - F)
-    slope = tendon_slope(step.scene.tendons, step, fraction, slope)
-    return contact_slope(contact, step, fraction, fluid_slope(step.scene.fluid, step, fraction, slope))
-
-
-@kernel
-def move_iterate(rotor, contact, step, fraction, active):
-    """Move the iterate by a fraction of the pass, in the lanes still at work."""
-    Z, (first, end) = step.Z, joints_of(step.part, step.scene.tree)
-    for i in range(first, end):
-        here = Z[VK, i]
-        _shift(Z, VK, VN, i, fraction, active)
-        v = snap_to_rest(step.scene.friction, step, i, Z[VK, i], here, Z[VN, i])
-        Z[VK, i] = constant(select(active & (fraction < 1.0), v, Z[VK, i]))
-        _shift(Z, RT, TL, i, fraction, active)
-        if rotor is not None:
-            _shift(Z, WK, WN, i, fraction, active)
-            _shift(Z, RW, FLW, i, fraction, active)
-    shift_contacts(contact, step, fraction, active)
-    shift_tendons(step.scene.tendons, step, fraction, active)
-    shift_fluid(step.scene.fluid, step, fraction, active)
-
-
-@inline
-def _shift(Z, at, to, i, fraction, active):
-    Z[at, i] = shifted(Z[at, i], Z[to, i], fraction, active)
