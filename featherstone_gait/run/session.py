@@ -154,9 +154,8 @@ class Session:
         threads: int | None = None,
         pace: bool = False,
     ) -> None:
-        given = {name: value for name, value in locals().items() if name != "self"}
+        self._given = given = {name: value for name, value in locals().items() if name != "self"}
         check_scene(scene)
-        self._given = given
         seen = check_names((resolved(scene, one) for one in _names(observe)), "observe")
         given |= {"observe": seen, "record": tuple(_names(record, "record"))}
         self.action: Action = _action(scene, action, controller)

@@ -330,11 +330,11 @@ def test_what_is_out_of_range_is_refused_by_name(how, said, scene):
 
 
 def test_a_copy_of_the_default_worlds_draws_what_these_do(scene):
-    """This robot has neither supply nor backlash: lines about them are left out as they are, and refused if changed."""
+    """This robot has no supply: lines about it are left out as they are, and refused if changed."""
     own, usual = read_toml(DEFAULT), draw_worlds(scene, 4)
     copied = draw_worlds(scene, 4, 0, own)
     assert copied.left_out == usual.left_out
-    assert {"supply.voltage", "supply.resistance", "servos.backlash"} == {*copied.left_out}
+    assert {"supply.voltage", "supply.resistance"} == {*copied.left_out}
     assert all(np.array_equal(values, usual.factors[name]) for name, values in copied.factors.items())
     own["worlds"]["supply"]["voltage"]["scale"] = 0.2
     with pytest.raises(ValueError, match="supply"):

@@ -407,7 +407,7 @@ def test_commands_options_extras_sections_and_pages_that_messages_name_exist():
     commands = cli._parser()._subparsers._group_actions[0].choices
     options = {flag for command in commands.values() for action in command._actions for flag in action.option_strings}
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
-    sections = {*SECTIONS, *TOP, *OF_STUDIES, "gearboxes", "vary", "worlds", "sampling"}
+    sections = {*SECTIONS, *TOP, *OF_STUDIES, "gearboxes", "vary", "worlds", "sampling", "observation"}
     counts = Counter()
     for where, text, _ in SENTENCES:
         for kind, pattern, names in (

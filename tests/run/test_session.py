@@ -422,7 +422,7 @@ def test_a_start_beyond_limits_is_told_where_a_robot_goes_on_from_it_and_nobody_
 
 
 def test_misuse_is_refused():
-    scene = servo_arm()
+    scene = servo_arm("implicit_euler", delay=0.0)
     bare = compile_scene(pendulum(), integrator="implicit_euler", timestep=1e-3)
     session = Session(scene, 3)
     for wrong, message in (
