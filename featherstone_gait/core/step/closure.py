@@ -32,11 +32,13 @@ from ..tree.forest import (
     rows_of,
     system_of,
 )
+from ..tree.joint import accelerate
 from ..tree.kinematics import base_acceleration, motion_pass, move_base, velocity_pass
-from ..tree.layout import Motion
+from ..tree.layout import DINV, UU, Motion, P, U
 from ..tree.loop import BIAS, GAP, ON, PLACE, PULL, SPEED, fill_loops, note_forces, row_count, take_place
 from ..tree.rows import (
     FIRST,
+    FORCE,
     GIVEN,
     IN_STEP,
     KIND,
@@ -45,12 +47,16 @@ from ..tree.rows import (
     ROW,
     SIZE,
     SOURCE,
+    TREE,
     Rows,
     entry_of,
-    keep_factors,
-    move_by,
+    move_root,
+    place_of,
+    sides_of,
     solve_system,
+    span_of,
 )
+from ..tree.spatial import dot, load3
 
 MOVES = 12  # at most
 SMALL = 1e-10  # gap [m or rad], and speed of it by the fastest coordinate, of which one move leaves rounding
@@ -113,7 +119,7 @@ def keep_forces(loops, which, system, step):
     """Store the forces of the loops of trees in the state, and the factors in which they were found."""
     note_forces(loops, system, step.rows)
     for k in which:
-        keep_factors(item(step.scene.trees, k), step.scene.tree, step.W, step.closing.factors)
+        _keep_factors(item(step.scene.trees, k), step.scene.tree, step.W, step.closing.factors)
         first, end = loops_of(item(step.scene.trees, k), loops.table)
         _store(loops.table, first, end, step)
     _store(loops.table, own_loops(step.scene.trees, loops.table), len(loops.table), step)
@@ -189,7 +195,7 @@ def _factor(which, span, loops, scene, offsets, work, y):
         part = item(scene.trees, k)
         bq = base_of(scene.floating, part, y, offsets.base_q, 7)
         articulated_pass(scene.tree, part, bq, None, work.closing.move, scene.armature, None, None, W)
-        keep_factors(part, scene.tree, W, work.closing.factors)
+        _keep_factors(part, scene.tree, W, work.closing.factors)
     held, numbers = held_in(loops, offsets, y), rows.number[which[0] : which[1]]
     start = _start(loops.joined, item(scene.trees, which[0]))
     end = list_rigid(scene.coupling, loops, numbers, held, scene, start, rows)
@@ -376,7 +382,7 @@ def _move(which, span, loops, scene, offsets, work, at_work, y):
     """Move the positions of trees by the forces `push`."""
     for k in range(which[0], which[1]):
         part = item(scene.trees, k)
-        move_by(scene, k, _system(which, work.rows), work.closing.factors, work.W, work.rows, work.closing.move)
+        _move_by(scene, k, _system(which, work.rows), work.closing.factors, work.W, work.rows, work.closing.move)
         _move_joints(part, scene, at_work, work.closing.move, y[offsets.q :])
         _move_balls(ball_positions(scene.balls, y, offsets.ball_q), part, scene, at_work, work.closing)
         _move_base(base_of(scene.floating, part, y, offsets.base_q, 7), part, scene, at_work, work.closing, work.W)
@@ -387,7 +393,7 @@ def _speed_up(which, span, loops, scene, offsets, work, at_work, y):
     """Move the velocities of trees by the forces `push`."""
     for k in range(which[0], which[1]):
         part = item(scene.trees, k)
-        move_by(scene, k, _system(which, work.rows), work.closing.factors, work.W, work.rows, work.closing.move)
+        _move_by(scene, k, _system(which, work.rows), work.closing.factors, work.W, work.rows, work.closing.move)
         _move_joints(part, scene, at_work, work.closing.move, y[offsets.qd :])
         _speed_base(base_of(scene.floating, part, y, offsets.base_qd, 6), part, scene, at_work, work.closing, work.W)
 
@@ -429,6 +435,52 @@ def _speed_base(bv, part, scene, at_work, closing, W):
         base_acceleration(root, change, W)
         for k in range(6):
             bv[k] = select(at_work, bv[k] + change[k], bv[k])
+
+
+@inline
+def _keep_factors(part, tree, W, factors):
+    """Copy the columns U of the bodies, which `acceleration_pass` overwrites, to factors (bodies, 6)."""
+    root, end = rows_of(part, tree)
+    for i in range(root + 1, end):
+        for k in range(6):
+            factors[i, k] = W[i, U + k]
+
+
+@inline
+def _is_on(trees, b, side, number, rows):
+    if trees is None:
+        return True
+    return rows.block[b, TREE + side] == number
+
+
+@kernel
+def _move_by(scene, number, system, factors, W, rows, out):
+    """Fill out (n,) with the move A^-1 J' f of the joints of a tree by the forces of a system.
+
+    The move of the base is left in the columns U of the root, as `acceleration_pass` leaves an acceleration; factors:
+    what `_keep_factors` has kept.
+    """
+    part = item(scene.trees, number)
+    root, last = rows_of(part, scene.tree)
+    for k in range(6):
+        W[root, U + k] = 0.0 * W[root, P]
+    for i in range(root + 1, last):
+        W[i, UU] = 0.0 * W[i, P]
+    for b in range(system[0] & LARGEST, system[1] & LARGEST):
+        start, end = span_of(b, rows)
+        for side in range(sides_of(scene.trees)):
+            if _is_on(scene.trees, b, side, number, rows):
+                _, low, high = place_of(scene, b, side, rows)
+                for r in range(start, end):
+                    f = rows.numbers[r, FORCE]
+                    move_root(scene.floating, root, f, (r, side), W, rows.roots)
+                    for i in range(low, high):
+                        W[root + i, UU] += f * rows.responses[r, side, i]
+    for i in range(root + 1, last):
+        b, dn, df = scene.tree[i], load3(W, scene.tree[i].parent, U), load3(W, scene.tree[i].parent, U + 3)
+        a = (W[i, UU] - (dot(load3(factors, i, 0), dn) + dot(load3(factors, i, 3), df))) * W[i, DINV]
+        out[b.dof] = a
+        accelerate(b, i, dn, df, a, W, W, U)
 
 
 # ---------------------------------------------------------------------------------------------- between steps

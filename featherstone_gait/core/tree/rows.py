@@ -21,14 +21,13 @@ rows and a lower triangle W of each block, the forces are
 a0 the accelerations without them, f0 + W g0 the forces that there are without J a.  There are two laws:
 
 - *slope*: f = f0 + W g0 - S J a with a slope S = W W' that has joined the mass matrix; C = 1.  The system is symmetric
-  and positive definite whatever the slopes, and a row without slope is one of the unit matrix;
+  and positive definite whatever the slopes;
 - *rigid*: J a + b = 0.  W scales the rows to a unit diagonal, and C is a small compliance, with which the system is
   solved several times, each from the forces of the last (the proximal method of multipliers): rows that depend on each
-  other share their force, and a posture in which they come to depend on each other is no exception.
+  other share their force, in any posture.
 
-Rows that have no tree in common, or of a fixed base no joint, have no product.  Cholesky's factor is kept within the
-envelope of what has (A. George, J. W. Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter
-4).
+Rows that have no tree in common, or of a fixed base no joint, have no product: Cholesky's factor is kept within the
+envelope (A. George, J. W. Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4).
 """
 
 from typing import NamedTuple
@@ -41,9 +40,9 @@ from ..compile.optional import if_present, item
 from ..compile.structure import structure
 from .aba import root_inertia
 from .forest import LARGEST, is_fixed, rows_of
-from .joint import accelerate, along
+from .joint import along
 from .layout import DINV, UU, P, U
-from .spatial import add, dot, load3, scale, solve6, store3
+from .spatial import add, load3, scale, solve6, store3
 
 ROOT = 0  # 6: force on the root as moment and force [N m; N]
 DA = 6  # 6: acceleration that this gives the root [rad/s^2; m/s^2]; zero of the world
@@ -147,7 +146,7 @@ def span_of(b, rows):
 
 
 @inline
-def _sides(trees):
+def sides_of(trees):
     """Return how many sides a block may have."""
     if trees is None:
         return 1
@@ -172,7 +171,7 @@ def _is_common(trees, b, side, c, other, rows):
 
 
 @inline
-def _place(scene, b, side, rows):
+def place_of(scene, b, side, rows):
     """Return the root of a side's tree, and the range of joints that the side turns, counted from there."""
     root, _ = rows_of(item(scene.trees, entry_of(b, TREE + side, rows)), scene.tree)
     return root, entry_of(b, LOW + side, rows), entry_of(b, HIGH + side, rows) + 1
@@ -182,7 +181,7 @@ def _place(scene, b, side, rows):
 def clear_block(scene, b, W, rows):
     """Set the responses of a block to those of no force, and its numbers to those of slopes that are zero."""
     (start, end), zero = span_of(b, rows), 0.0 * W[0, P]
-    for side in range(_sides(scene.trees)):
+    for side in range(sides_of(scene.trees)):
         if _is_there(scene.trees, b, side, rows):
             root, last = rows_of(item(scene.trees, entry_of(b, TREE + side, rows)), scene.tree)
             rows.block[b, LOW + side], rows.block[b, HIGH + side] = last - root, 0
@@ -266,7 +265,7 @@ def answer_base(scene, b, contact, W, rows):
 @if_present()
 def _answer(floating, scene, b, contact, W, rows):
     start, end = span_of(b, rows)
-    for side in range(_sides(scene.trees)):
+    for side in range(sides_of(scene.trees)):
         if _is_there(scene.trees, b, side, rows):
             part = item(scene.trees, entry_of(b, TREE + side, rows))
             if not is_fixed(part):
@@ -356,9 +355,9 @@ def fill_system(scene, system, W, rows):
 def _fill_one(scene, b, r, W, rows):
     """Do the same for a system of one row, without the loops over rows: a fifth of the instructions."""
     N, F, x = rows.numbers, rows.factor, 0.0 * W[0, P]
-    for side in range(_sides(scene.trees)):
+    for side in range(sides_of(scene.trees)):
         if _is_there(scene.trees, b, side, rows):
-            x = x + _product(scene.floating, _place(scene, b, side, rows), (r, side), (r, side), W, rows)
+            x = x + _product(scene.floating, place_of(scene, b, side, rows), (r, side), (r, side), W, rows)
     one = 1.0 + 0.0 * x
     if rows.block[b, RIGID] == 1:
         movable, one = x > N[r, LEAST], N[r, COMPLIANCE]
@@ -374,9 +373,9 @@ def _fill_own(scene, b, W, rows):
     (start, end), N = span_of(b, rows), rows.numbers
     for r in range(start, end):
         N[r, RIGHT] = 0.0 * N[r, RIGHT]
-    for side in range(_sides(scene.trees)):
+    for side in range(sides_of(scene.trees)):
         if _is_there(scene.trees, b, side, rows):
-            place = _place(scene, b, side, rows)
+            place = place_of(scene, b, side, rows)
             for r in range(start, end):
                 N[r, RIGHT] = N[r, RIGHT] + _along(scene.floating, place, (r, side), W, rows)
     for r in range(start, end):
@@ -405,8 +404,8 @@ def _split_first(b, rows):
 def _have_product(scene, b, c, rows):
     """Return whether a row of one block may move one of the other."""
     found = False
-    for side in range(_sides(scene.trees)):
-        for other in range(_sides(scene.trees)):
+    for side in range(sides_of(scene.trees)):
+        for other in range(sides_of(scene.trees)):
             if _is_common(scene.trees, b, side, c, other, rows):
                 low = max(rows.block[b, LOW + side], rows.block[c, LOW + other])
                 high = min(rows.block[b, HIGH + side], rows.block[c, HIGH + other])
@@ -427,10 +426,10 @@ def _fill_block(scene, b, c, begin, W, rows):
     for r in range(start, end):
         for s in range(from_, min(to, r + 1)):
             L[r, s - begin] = 0.0 * W[0, P]
-    for side in range(_sides(scene.trees)):
-        for other in range(_sides(scene.trees)):
+    for side in range(sides_of(scene.trees)):
+        for other in range(sides_of(scene.trees)):
             if _is_common(scene.trees, b, side, c, other, rows):
-                (root, low, high), (_, least, most) = _place(scene, b, side, rows), _place(scene, c, other, rows)
+                (root, low, high), (_, least, most) = place_of(scene, b, side, rows), place_of(scene, c, other, rows)
                 place = root, max(low, least), min(high, most)
                 for r in range(start, end):
                     for s in range(from_, min(to, r + 1)):
@@ -589,68 +588,19 @@ def apply_forces(scene, system, W, rows):
     """Let the forces of a system act on the solutions that the first pass has left."""
     for b in range(system[0] & LARGEST, system[1] & LARGEST):
         start, end = span_of(b, rows)
-        for side in range(_sides(scene.trees)):
+        for side in range(sides_of(scene.trees)):
             if _is_there(scene.trees, b, side, rows):
-                root, low, high = _place(scene, b, side, rows)
+                root, low, high = place_of(scene, b, side, rows)
                 for r in range(start, end):
                     f = rows.numbers[r, FORCE]
                     for i in range(low, high):
                         W[root + i, UU] += f * rows.responses[r, side, i]
-                    _move_root(scene.floating, root, f, (r, side), W, rows.roots)
+                    move_root(scene.floating, root, f, (r, side), W, rows.roots)
 
 
 @inline
-def _move_root(floating, root, f, one, W, roots):
+def move_root(floating, root, f, one, W, roots):
     if floating is not None:
         r, a = one
         for k in range(6):
             W[root, U + k] += f * roots[r, a, DA + k]
-
-
-# ------------------------------------------------------------------------------------------------- moves
-
-
-@inline
-def keep_factors(part, tree, W, factors):
-    """Copy the columns U of the bodies, which `acceleration_pass` overwrites, to factors (bodies, 6)."""
-    root, end = rows_of(part, tree)
-    for i in range(root + 1, end):
-        for k in range(6):
-            factors[i, k] = W[i, U + k]
-
-
-@inline
-def _is_on(trees, b, side, number, rows):
-    if trees is None:
-        return True
-    return rows.block[b, TREE + side] == number
-
-
-@kernel
-def move_by(scene, number, system, factors, W, rows, out):
-    """Fill out (n,) with the move A^-1 J' f of the joints of a tree by the forces of a system.
-
-    The move of the base is left in the columns U of the root, as `acceleration_pass` leaves an acceleration; factors:
-    what `keep_factors` has kept.
-    """
-    part = item(scene.trees, number)
-    root, last = rows_of(part, scene.tree)
-    for k in range(6):
-        W[root, U + k] = 0.0 * W[root, P]
-    for i in range(root + 1, last):
-        W[i, UU] = 0.0 * W[i, P]
-    for b in range(system[0] & LARGEST, system[1] & LARGEST):
-        start, end = span_of(b, rows)
-        for side in range(_sides(scene.trees)):
-            if _is_on(scene.trees, b, side, number, rows):
-                _, low, high = _place(scene, b, side, rows)
-                for r in range(start, end):
-                    f = rows.numbers[r, FORCE]
-                    _move_root(scene.floating, root, f, (r, side), W, rows.roots)
-                    for i in range(low, high):
-                        W[root + i, UU] += f * rows.responses[r, side, i]
-    for i in range(root + 1, last):
-        b, dn, df = scene.tree[i], load3(W, scene.tree[i].parent, U), load3(W, scene.tree[i].parent, U + 3)
-        a = (W[i, UU] - (dot(load3(factors, i, 0), dn) + dot(load3(factors, i, 3), df))) * W[i, DINV]
-        out[b.dof] = a
-        accelerate(b, i, dn, df, a, W, W, U)
