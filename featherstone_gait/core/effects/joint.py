@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.by_type import overridable
+from ..compile.by_type import NoneType, overridable
 from ..compile.jit import inline, kernel
 from ..compile.lanes import select
 from ..compile.optional import item_or_zero, plus_item
@@ -73,11 +73,12 @@ def joints(step):
     return _joints(rotor_of(step.actuator))
 
 
-@inline
+@overridable
 def _joints(rotor):
-    if rotor is None:
-        return Joints(rotor)
     return Geared(rotor)
+
+
+_joints.of(NoneType)(lambda rotor: Joints(rotor))
 
 
 # ---------------------------------------------------------------------------------------------- forces of a joint
