@@ -190,7 +190,7 @@ def solve_loop(steps: int, run: Run, advances: bool | None, h: float, y: np.ndar
     for k in range(steps + 1):
         out[k] = y[0]
         room = s.W, s.Z, s.C, s.F, s.N, s.pool
-        at = Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, None, 1e-9, *room, None, s.rows)
+        at = Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, None, 1e-9, *room, None, s.rows, None)
         solve_step(at)
         if advances is not None:
             advance(at)

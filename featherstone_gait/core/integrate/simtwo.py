@@ -44,7 +44,7 @@ def simtwo_step(work: Any, run: Any, y: np.ndarray, t: float, theta: float) -> N
         scene=scene, actuator=scene.actuator, decay=scene.decay, offsets=offsets, y=y, tau=None, drive=None,
         predicted=None, t=t, span=h, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
         tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, N=scratch.N,
-        pool=scratch.pool, part=None,
+        pool=scratch.pool, part=None, rows=scratch.rows, closing=scratch.closing,
     )  # fmt: skip
     for i in range(len(torques)):
         torques[i] = _servo_torque(scene.actuator, servo, i)
@@ -52,7 +52,7 @@ def simtwo_step(work: Any, run: Any, y: np.ndarray, t: float, theta: float) -> N
         scene=scene, actuator=None, decay=None, offsets=offsets, y=y, tau=torques, drive=None, predicted=None,
         t=t, span=h, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
         tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F, N=scratch.N,
-        pool=scratch.pool, part=None,
+        pool=scratch.pool, part=None, rows=scratch.rows, closing=scratch.closing,
     )  # fmt: skip
     step_trees(bare)
 

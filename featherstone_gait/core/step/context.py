@@ -134,8 +134,8 @@ class Step(NamedTuple):
     N: np.ndarray
     pool: tuple | None
     part: np.record | None  # TREE of the one of several trees that takes the step
-    rows: tuple | None = None
-    closing: tuple | None = None
+    rows: tuple | None
+    closing: tuple | None
 
 
 of_tree = inline(replacing(Step, "part"))  # (step, part) -> the step as that of one of several trees
