@@ -600,6 +600,7 @@ def apply_forces(scene, system, W, rows):
 
 @inline
 def move_root(floating, root, f, one, W, roots):
+    """Add what a floating base answers to the force f of a row's side to dA of the root."""
     if floating is not None:
         r, a = one
         for k in range(6):
