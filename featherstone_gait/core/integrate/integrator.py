@@ -178,9 +178,12 @@ def _touching(pairs: Any) -> tuple[int, int]:
         return 0, 0
     points = int(pairs.slots[1])
     if pairs.turning is not None:
-        return points, 6 * points
-    several = (pairs.pairs["slots"] > 1).any()
-    return points, 3 * (points + (min(points, SPARE) if several else 0))
+        rows = 6 * points
+    elif (pairs.pairs["slots"] > 1).any():
+        rows = 3 * (points + min(points, SPARE))
+    else:
+        rows = 3 * points
+    return rows // 3, rows  # a pair has three rows at least
 
 
 def pool_of(sizes: Sizes, zeros) -> Pool | None:
