@@ -116,13 +116,20 @@ def held_in(loops, offsets, y):
 
 @if_present()
 def keep_forces(loops, which, system, step):
-    """Store the forces of the loops of trees in the state, and the factors in which they were found."""
+    """Store the forces of the loops of trees in the state, and the factors in which `project` moves."""
     note_forces(loops, system, step.rows)
     for k in which:
-        _keep_factors(item(step.scene.trees, k), step.scene.tree, step.W, step.closing.factors)
+        _keep_unless(step.scene.pairs, item(step.scene.trees, k), step)
         first, end = loops_of(item(step.scene.trees, k), loops.table)
         _store(loops.table, first, end, step)
     _store(loops.table, own_loops(step.scene.trees, loops.table), len(loops.table), step)
+
+
+@inline
+def _keep_unless(pairs, part, step):
+    """Keep the factors of a tree, but in a scene with pairs, where `project` finds its own."""
+    if pairs is None:
+        _keep_factors(part, step.scene.tree, step.W, step.closing.factors)
 
 
 @inline

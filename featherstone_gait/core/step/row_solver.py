@@ -9,9 +9,9 @@ from ..compile.optional import any_present, if_present, item
 from ..effects.pair_rows import list_pairs, respond_pairs
 from ..effects.tendon import list_tendons, respond_tendons
 from ..tree.constrain import list_joined, list_rigid, respond_rigid
-from ..tree.forest import base_index, own_loops, system_of
+from ..tree.forest import LARGEST, base_index, own_loops, system_of
 from ..tree.loop import list_loops
-from ..tree.rows import IN_STEP, apply_forces, factor_system, fill_system, solve_system
+from ..tree.rows import IN_STEP, RIGID, apply_forces, factor_system, fill_system, solve_system
 from .closure import held_in, keep_forces, keep_system
 
 
@@ -87,11 +87,14 @@ def _solve(which, system, contact, step):
         respond_tendons(scene.tendons, system, contact, step)
         fill_system(scene, system, W, rows)
         factor_system(system, rows)
-        solve_system(system, _rounds(any_present(scene.coupling, scene.loops)), rows)
+        solve_system(system, IN_STEP[1] if _has_rigid(system, rows) else 1, rows)
         apply_forces(scene, system, W, rows)
     keep_forces(scene.loops, which, system, step)
 
 
-@if_present(1)
-def _rounds(rigid):
-    return IN_STEP[1]
+@inline
+def _has_rigid(system, rows):
+    found = False
+    for b in range(system[0] & LARGEST, system[1] & LARGEST):
+        found = found or rows.block[b, RIGID] == 1
+    return found
