@@ -1,4 +1,4 @@
-"""What two bodies that can move do to each other, as rows of a step's system (tree/rows.py).
+"""Rows of the contacts between bodies that can move, in the system of a step (tree/rows.py).
 
 A pair that has one point has three rows, the forces along the point's axes.  Any other has six: the forces along the
 world's axes and the moments about them, at one of its points, to which all its points and their moments add.  With the

@@ -1,4 +1,4 @@
-"""Where a body is deepest in the ground, and the axes there: normal, first and second tangent.
+"""The deepest point of a body in the ground, and the axes there: normal, first and second tangent.
 
 What touches is a point, or the deepest point of a sphere or of a disc.
 

@@ -75,7 +75,7 @@ class Closing(NamedTuple):
 
 @structure
 class LoopScratch(NamedTuple):
-    """What loops of a state are closed with, between runs."""
+    """Scratch arrays with which the loops of a state are closed between runs."""
 
     W: np.ndarray
     rows: Rows

@@ -29,7 +29,7 @@ ALL, NONE = "all", "none"  # of the members of a scene that have a channel
 
 
 class Owner(NamedTuple):
-    """What has the numbers of a channel."""
+    """The part of a scene to which the numbers of a channel belong."""
 
     what: str
     share: str = "joints"  # which part of a member it counts with, as in `shares` of a scene; ALL, or NONE
