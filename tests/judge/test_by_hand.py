@@ -122,7 +122,7 @@ def test_so_are_those_of_a_biped_with_rigid_gears():
 
 @pytest.mark.long
 def test_energy_of_servos_without_a_motor_is_their_positive_work():
-    """Of samples 10 ms apart the sum of powers was off by a tenth; the reference is that of powers 1 ms apart."""
+    """The reference is the sum of powers sampled every 1 ms; the sum of those of every 10 ms is off by a tenth."""
     robot, doubts = little_biped(), {"worlds": {"ground": DOUBTS["worlds"]["ground"]}}
     law = Servo(Controller("pd_clamped", 4.0, Kd=0.1, torque_limit=0.4), Gearbox(1.0, rotor_inertia=1e-3))
     scene = scene_of(replace(robot, servos=dict.fromkeys(robot.servos, law)))

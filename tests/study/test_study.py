@@ -219,7 +219,7 @@ def test_a_source_is_given_or_changed_and_wants_its_voltage(tmp_path):
 
 @pytest.mark.long
 def test_every_parameter_changes_the_scene_it_names(tmp_path):
-    """By other numbers, or other parts: those of a scene have an effect, as test_fields_have_effect.py finds."""
+    """The scene has other numbers or other parts; test_fields_have_effect.py finds that each of these has an effect."""
     text = 'robot = "humanoid"\nlocked = "simplified"\nexperiment = "hold"\nduration = 0.02\n[vary]\n'
     changes = [
         "scene.ground = [true, false]",

@@ -1,4 +1,4 @@
-"""How a robot walks, by NumPy, from the channels of a run."""
+"""Measures of a walk, recomputed by NumPy from the channels of a run."""
 
 import itertools
 import math
