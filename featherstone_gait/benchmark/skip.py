@@ -400,7 +400,7 @@ def humanoid_rows() -> Iterator[tuple[str, Work, Work, str]]:
 
 
 def pair_rows(model: Model, ground: Ground) -> Iterator[tuple[str, Work, Work, str]]:
-    """Yield rows of contact between bodies: far, and touching at one point and at five."""
+    """Yield rows of contact between bodies: far, touching at one point and at five, and on a face."""
     alone = Placed(model, name="one")
     feet, sides = ("left_foot", "right_foot"), ("left", "right")
     high = ("head", *(f"{side}_{link}" for side in sides for link in ("shoulder_block", "upper_arm")))
@@ -426,4 +426,8 @@ def pair_rows(model: Model, ground: Ground) -> Iterator[tuple[str, Work, Work, s
         scenes = [SceneModel("balls", members, pairs=pairs) for pairs in ((), meeting)]
         apart, touching = (rollout(scene, "mipsd", ground) for scene in scenes)
         yield f"no touching at {what} (humanoid)", apart, touching, "a ball on a ball each"
+    boxes = [(Placed(solid(Box((0.1, 0.1, 0.1)), 1.0), k, at) for k, at in (("a", (0.0, 0.0, 0.05)), ("b", place)))
+             for place in ((0.3, 0.0, 0.05), (0.02, 0.0, 0.1498))]  # fmt: skip
+    apart, touching = (rollout(SceneModel("boxes", tuple(both), pairs="all"), None, ground) for both in boxes)
+    yield "no touching on a face (two boxes)", apart, touching, "a box on a box, and beside it"
     yield "surfaces at rest (a box on a box)", rollout(carried(None)), rollout(carried(TRACK)), "a turntable"
